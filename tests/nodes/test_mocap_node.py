@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -113,6 +117,30 @@ def test_a_library_that_ends_is_started_again_and_says_why(world, start):
         "tombo_mocap.mocap_node", "-p", "mocap.system:=optitrack", "-p", "mocap.host:=nowhere",
     )  # fmt: skip
     world.wait_for_fault("mocap", "no_frames", "nothing from optitrack nowhere: ")
+
+
+def test_the_live_check_sees_a_body_that_is_carried_about(world, start, motive, domain):
+    world.subscribe(MOCAP_POSE)
+    start("tombo_mocap.mocap_node", *optitrack(motive, "mocap.body:=tombo"))
+    assert motive.asked.wait(_PATIENCE_S)
+    began_s = time.monotonic()
+
+    def send(number: int) -> None:
+        at = math.sin(time.monotonic() - began_s)
+        motive.send({"tombo": (at, 0.5 * at, 1.0 + 0.3 * at, 0, 0, 0, 1)})
+
+    words = ["check", "mocap", "--seconds", "3", "--json", "--domain", str(domain)]
+    command = subprocess.Popen(
+        [sys.executable, "-m", "tombo_bringup.cli.main", *words], stdout=subprocess.PIPE, text=True
+    )
+    send_until(send, lambda: command.poll() is not None)
+    assert command.stdout is not None
+    result = json.load(command.stdout)
+    keys = {finding["key"] for finding in result["findings"]}
+    assert not keys & {"does_not_move", "millimetres", "up_axis", "markers_swapped", "clock"}
+    assert result["figures"]["x_max_m"] <= 1.0
+    assert result["figures"]["x_max_m"] - result["figures"]["x_min_m"] > 0.5
+    assert result["source"] == "/mocap/pose"
 
 
 @pytest.mark.real_time

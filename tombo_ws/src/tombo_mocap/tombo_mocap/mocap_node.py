@@ -39,11 +39,11 @@ class TopicFrames:
     def frames(self) -> list[list[TrackedBody]]:
         """Return the frames that have come since the last call, without waiting."""
         if self._subscription is None:
-            self._look(time.monotonic_ns())
+            self._find_topic(time.monotonic_ns())
             return []
         return [self._bodies(taken.message) for taken in self._subscription.take()]
 
-    def _look(self, now_ns: int) -> None:
+    def _find_topic(self, now_ns: int) -> None:
         if now_ns - self._looked_ns < _LOOK_NS:
             return
         self._looked_ns = now_ns

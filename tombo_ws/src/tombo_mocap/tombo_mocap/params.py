@@ -52,10 +52,10 @@ class MocapParams:
     )
 
     def check(self) -> None:
-        """Refuse what can't be used.
+        """Refuse unusable parameters.
 
         Raises:
-            InputError: names the parameter, its value and what is accepted.
+            InputError: the message has the parameter, its value and the accepted ones.
         """
         validate(self, "mocap")
         for name, accepted in (("system", SYSTEMS), ("up", UP_AXES), ("nose", NOSE_AXES)):

@@ -1,4 +1,4 @@
-"""From what a motion capture tells of a rigid body to the pose of base_link in map. Pure."""
+"""Turn poses of a tracked rigid body into poses of base_link in map. Pure."""
 
 from __future__ import annotations
 

@@ -26,6 +26,7 @@ _COMMANDS: Final = (
     "live_command",
     "report_command",
     "workbench_command",
+    "check_command",
     "compare_command",
     "diagnose_command",
     "why_command",

@@ -35,10 +35,10 @@ def run_executable(ctx: typer.Context, which: _Node) -> None:
     Arguments after NODE are passed on, as --ros-args -p detector.threshold:=80.0; the exit code
     is the node's.
     """
-    execute_node(which.package, which.node, ctx.args)
+    replace_process_by(which.package, which.node, ctx.args)
 
 
-def execute_node(package: str, node: str, arguments: Sequence[str]) -> NoReturn:
+def replace_process_by(package: str, node: str, arguments: Sequence[str]) -> NoReturn:
     """Become a node, with arguments.
 
     Raises:

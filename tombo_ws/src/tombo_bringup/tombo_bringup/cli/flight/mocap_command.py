@@ -9,7 +9,7 @@ import sys
 import typer
 
 from tombo_bringup.cli.options import argument, command, option, record
-from tombo_bringup.cli.run_command import execute_node
+from tombo_bringup.cli.run_command import replace_process_by
 from tombo_mocap.params import ROS, MocapParams
 
 app = typer.Typer()
@@ -58,4 +58,4 @@ def mocap(source: _Source, tracked: _Body) -> None:
         if value != _DEFAULTS[name]:
             words += ["-p", f"mocap.{name}:={json.dumps(value)}"]  # a body may be called 1
     sys.stderr.write(f"/mocap/pose from {source.system} {source.place}; Ctrl-C ends it\n")
-    execute_node("tombo_mocap", "mocap_node", words)
+    replace_process_by("tombo_mocap", "mocap_node", words)

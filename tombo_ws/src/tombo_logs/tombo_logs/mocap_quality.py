@@ -1,0 +1,305 @@
+"""Is a motion capture ready for a flight: mistakes of its set-up, and figures that a lab keeps.
+
+Each check asks one question of the recorded poses, and of the gyro where there is one. A turned
+rigid body shows against a gyro alone: poses of a body that hovers are right for any nose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tombo_bag.flight import Flight, Series
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
+from tombo_flight.replay.prechecks import find_up_axis
+from tombo_logs.checks.clocks.gaps import gap_spans
+from tombo_logs.checks.clocks.timestamps import arrival_stamps
+from tombo_logs.checks.frozen_values import frozen_spans
+from tombo_logs.checks.motion import Motion, motion_of
+from tombo_logs.checks.pipeline import findings_of
+from tombo_logs.checks.pose_imu_consistency import alignment, time_offset
+from tombo_logs.checks.spans import runs, sample_interval, white_noise
+
+LEAST_RATE_HZ = 30.0
+"""Rate below which PX4's EKF2 and the detector are not fed as docs/px4.md asks."""
+_LEAST_POSES = 30
+_LARGEST_VOLUME_M = 50.0
+"""Size of the largest halls with motion capture; farther apart, poses are in another unit."""
+_STILL_M = 0.02
+"""A rigid body that stays within this is not the vehicle that flies, or it does not fly."""
+_SWAPPED_RAD, _SWAPPED_RATE = np.radians(12.0), 35.0
+"""rad, rad/s: between two poses; gyros end at 2000 deg/s, 35 rad/s."""
+_TURNED_RAD = np.radians(20.0)
+"""A rigid body is defined by hand to 10 deg or so."""
+_ALIGNED = 0.7
+"""Share of the gyro's variance that a turned attitude must explain."""
+_AHEAD_S, _BEHIND_S = 0.03, 0.15
+"""Stamps ahead of the gyro's, or behind by more than any motion capture needs."""
+_LONGEST_GAP_S = 0.3
+"""Tracking is lost beyond that: the detector coasts no longer."""
+_STRUCK = frozenset({"crash", "contact"})
+"""Checks of a log whose spans are left out of the comparison with the gyro."""
+_QUIET_S = 1.0
+_QUIET_M_S = 0.02
+"""The body is at rest for so long, slower than this: its noise is measured there."""
+
+
+@dataclass(frozen=True)
+class MocapFinding:
+    """A mistake of the motion capture."""
+
+    key: str
+    message: str
+    """The observation, the expectation, and the mend."""
+
+
+@dataclass(frozen=True)
+class MocapQuality:
+    """Findings and figures of recorded poses."""
+
+    findings: tuple[MocapFinding, ...]
+    figures: dict[str, float | None]
+    """Name with its unit → value; None: it can't be told from this recording."""
+
+    @property
+    def good(self) -> bool:
+        """No mistake was seen."""
+        return not self.findings
+
+
+def check_mocap(log: Flight) -> MocapQuality:
+    """Return mistakes and figures of a recording's poses.
+
+    Raises:
+        InputError: it has no poses, or too few.
+    """
+    series = log.series
+    if not {"position", "attitude"} <= series.keys():
+        raise InputError(f"'{log.name}' has no poses; accepted: position and attitude of a body")
+    position, attitude = series["position"], series["attitude"]
+    rows = np.isfinite(position.values).all(axis=1)
+    if np.count_nonzero(rows) < _LEAST_POSES:
+        raise InputError(
+            f"'{log.name}' has {np.count_nonzero(rows)} poses; accepted: {_LEAST_POSES} or more"
+        )
+    motion = None
+    if "gyro" in series:
+        struck = [(f.start_s, f.end_s) for f in findings_of(log) if f.check in _STRUCK]
+        motion = motion_of(position, attitude, series["gyro"], None, struck)
+    findings = _unit(position)
+    if not findings:
+        findings += _axes(position, attitude, motion)
+        findings += _still(position)
+    findings += _swapped(attitude)
+    findings += _frozen(position, attitude)
+    findings += _rate(position)
+    findings += _gaps(position)
+    findings += _stamps(position, motion)
+    return MocapQuality(tuple(findings), _figures(position, attitude))
+
+
+def _finding(key: str, message: str) -> list[MocapFinding]:
+    return [MocapFinding(key, message)]
+
+
+def _unit(position: Series) -> list[MocapFinding]:
+    size = float(np.nanmax(np.abs(position.values)))
+    if size < _LARGEST_VOLUME_M:
+        return []
+    return _finding(
+        "millimetres",
+        f"positions of up to {size:.4g}; expected: metres. Set the unit of the driver or the "
+        "export to metres",
+    )
+
+
+def _axes(position: Series, attitude: Series, motion: Motion | None) -> list[MocapFinding]:
+    """Check the upward axis, then the turn of the rigid body."""
+    at = np.clip(np.searchsorted(attitude.t, position.t), 0, attitude.t.size - 1)
+    quaternions = attitude.values[at]
+    norm = np.linalg.norm(quaternions, axis=1)
+    good = np.isfinite(position.values).all(axis=1) & (np.abs(norm - 1.0) < 0.1)
+    if np.count_nonzero(good) < _LEAST_POSES:
+        return []
+    up = find_up_axis(position.t[good], position.values[good], quaternions[good])
+    if up:
+        return _finding("up_axis", f"{up[0]}. `tombo mocap --up y_up` turns them")
+    if motion is None:
+        return []
+    offset = time_offset(motion)
+    turned = None if offset is None else alignment(motion, offset.lag)
+    if turned is None or turned.explained < _ALIGNED or turned.angle < _TURNED_RAD:
+        return []
+    x, y, z = np.degrees(turned.turn.as_rotvec())
+    if np.linalg.norm([abs(x) - 90.0, y, z]) < np.degrees(_TURNED_RAD):
+        return _finding(
+            "up_axis",
+            f"the attitude is turned against the gyro by {x:.0f} deg about x, as where y points "
+            "up. `tombo mocap --up y_up` turns it",
+        )
+    return _finding(
+        "body_turned",
+        f"the rigid body is turned against the gyro by [{x:.0f}, {y:.0f}, {z:.0f}] deg about x, "
+        "y, z; expected: x to the nose, z up. `tombo mocap --nose` turns it about z; else define "
+        "it again with the vehicle level, its nose along the x axis",
+    )
+
+
+def _still(position: Series) -> list[MocapFinding]:
+    size = float(np.ptp(np.nanpercentile(position.values, [2.0, 98.0], axis=0), axis=0).max())
+    if size > _STILL_M:
+        return []
+    return _finding(
+        "does_not_move",
+        f"the rigid body stays within {1e3 * size:.1f} mm; expected: it moves with the vehicle. "
+        "Is it the right one? `tombo mocap --body`",
+    )
+
+
+def _swapped(attitude: Series) -> list[MocapFinding]:
+    usable = np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0) < 0.1
+    t, q = attitude.t[usable], attitude.values[usable]
+    step = sample_interval(t)
+    turn = (Rotation.from_quat(q[:-1]).inv() * Rotation.from_quat(q[1:])).magnitude()
+    dt = np.diff(t)
+    jumps = (turn > _SWAPPED_RAD) & (turn > _SWAPPED_RATE * dt) & (dt < 3.0 * step)
+    if not jumps.any():
+        return []
+    first = int(np.argmax(jumps))
+    return _finding(
+        "markers_swapped",
+        f"the attitude jumps {np.count_nonzero(jumps)} times, first by "
+        f"{np.degrees(turn[first]):.0f} deg at {t[first]:.2f} s; expected: a motion. Place the "
+        "markers so that no turn of them looks the same, and no two bodies are alike",
+    )
+
+
+def _frozen(position: Series, attitude: Series) -> list[MocapFinding]:
+    spans = frozen_spans(position.t, position.values)
+    spans = spans or frozen_spans(attitude.t, attitude.values)
+    if not spans:
+        return []
+    begin, end = max(spans, key=lambda span: span[1] - span[0])
+    return _finding(
+        "frozen",
+        f"the same pose {len(spans)} times, the longest {end - begin:.2f} s at {begin:.2f} s; "
+        "expected: no pose while the body is not seen. Let the system send tracked bodies alone",
+    )
+
+
+def _rate(position: Series) -> list[MocapFinding]:
+    rate = 1.0 / sample_interval(position.t)
+    if rate >= LEAST_RATE_HZ * 0.95:
+        return []
+    return _finding(
+        "rate",
+        f"{rate:.1f} poses in a second; expected: {LEAST_RATE_HZ:g} or more. Raise the rate of "
+        "the system, and look for a network that loses packets",
+    )
+
+
+def _gaps(position: Series) -> list[MocapFinding]:
+    spans = gap_spans(position.t)
+    longest = max((end - begin for begin, end in spans), default=0.0)
+    if longest <= _LONGEST_GAP_S:
+        return []
+    return _finding(
+        "gaps",
+        f"{len(spans)} gaps, the longest {longest:.2f} s; expected: {_LONGEST_GAP_S:g} s at most. "
+        "Add or turn cameras until the whole volume is seen by three",
+    )
+
+
+def _stamps(position: Series, motion: Motion | None) -> list[MocapFinding]:
+    """Check that stamps are times of capture, on the clock of the others."""
+    uneven = arrival_stamps("", position.t, None)
+    if uneven:
+        return _finding(
+            "arrival_stamps",
+            f"{uneven[0].message}. Stamp by the system's clock (of vrpn_mocap: "
+            "use_vrpn_timestamps), or subtract a delay",
+        )
+    late_s = _latency(position)
+    offset = None
+    if late_s is None and motion is not None:
+        offset = time_offset(motion)
+    if late_s is not None and float(np.median(late_s)) < -1e-3:
+        seen = f"stamps are {-1e3 * float(np.median(late_s)):.0f} ms after their arrival"
+    elif offset is not None and offset.lag > _AHEAD_S:
+        seen = f"stamps are {1e3 * offset.lag:.0f} ms later than the gyro's"
+    elif offset is not None and offset.lag < -_BEHIND_S:
+        seen = f"stamps are {-1e3 * offset.lag:.0f} ms earlier than the gyro's"
+    else:
+        return []
+    return _finding(
+        "clock",
+        f"{seen}; expected: the time of capture, on the clock of this computer. Let both "
+        "computers follow one clock (chrony), or stamp the arrival and subtract a delay",
+    )
+
+
+def _latency(position: Series) -> Array | None:
+    """Return arrival minus stamp of the poses [s]; None: arrivals are not known, or the stamps."""
+    if position.arrival is None or position.arrival.size != position.t.size:
+        return None
+    late: Array = position.arrival - position.t
+    late = late[np.isfinite(late)]
+    return late if late.size and np.abs(late).max() > 2e-4 else None
+
+
+def _figures(position: Series, attitude: Series) -> dict[str, float | None]:
+    t, values = position.t, position.values
+    spans = gap_spans(t)
+    late_s = _latency(position)
+    at_rest = _rest(position)
+
+    def late(percent: float) -> float | None:
+        return None if late_s is None else 1e3 * float(np.percentile(late_s, percent))
+
+    def noise(quantity: Callable[[], Array], scale: float) -> float | None:
+        return None if at_rest is None else scale * float(np.linalg.norm(quantity()))
+
+    def turned() -> Array:
+        """Return the vector part of the quaternions at rest: half a turn, where it is small."""
+        return _samples_after(attitude, t[at_rest])[:, :3]
+
+    low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
+    return {
+        "duration_s": float(t[-1] - t[0]),
+        "rate_hz": 1.0 / sample_interval(t),
+        "latency_p50_ms": late(50.0),
+        "latency_p99_ms": late(99.0),
+        "noise_position_mm": noise(lambda: white_noise(values[at_rest]), 1e3),
+        "noise_attitude_deg": noise(
+            lambda: 2.0 * white_noise(_samples_after(attitude, position.t[at_rest])[:, :3]),
+            np.degrees(1.0),
+        ),
+        "dropouts": float(len(spans)),
+        "longest_gap_s": max((end - begin for begin, end in spans), default=0.0),
+        **{f"{axis}_min_m": float(low[i]) for i, axis in enumerate("xyz")},
+        **{f"{axis}_max_m": float(high[i]) for i, axis in enumerate("xyz")},
+    }
+
+
+def _samples_after(series: Series, times: Array) -> Array:
+    """Return the values at the samples after these times."""
+    return series.values[np.clip(np.searchsorted(series.t, times), 0, series.t.size - 1)]
+
+
+def _rest(position: Series) -> slice | None:
+    """Return the rows of the longest rest; None: the body is nowhere at rest for a second."""
+    window = max(round(0.25 / sample_interval(position.t)), 2)
+    moved = np.full(position.t.size, np.inf)
+    steps = position.values[window:] - position.values[:-window]
+    moved[:-window] = np.linalg.norm(steps, axis=1)
+    elapsed = position.t[window:] - position.t[:-window]
+    still = moved < _QUIET_M_S * np.concatenate([elapsed, np.full(window, 0.0)])
+    spans = [(i, j) for i, j in runs(still) if position.t[j] - position.t[i] >= _QUIET_S]
+    if not spans:
+        return None
+    begin, end = max(spans, key=lambda span: span[1] - span[0])
+    return slice(begin, end)
