@@ -75,7 +75,7 @@ class _Diagnosed(options.Logs):
     no_report: bool = option("--no-report", "Write no report.html and no plots.", False)
 
 
-@command(app, epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)
+@command(app, lab=True, epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)
 def diagnose(
     given: _Diagnosed,
     known: options.VehicleName,

@@ -78,27 +78,51 @@ def argument(metavar: str, text: str, default: Any = ..., **more: Any) -> Any:
     return _field(default, typer.Argument(metavar=metavar, help=text, **more))
 
 
-def command(app: typer.Typer, name: str | None = None, **settings: Any) -> Callable[..., Any]:
+def command(
+    app: typer.Typer, name: str | None = None, *, lab: bool = False, **settings: Any
+) -> Callable[..., Any]:
     """Return what makes a function a command of `app`, under its own name or another.
 
     Parameters of the function are records of options, or `typer.Context`; its description is shown
-    with a line a paragraph. `settings` are further ones of the command.
+    with a line a paragraph. `lab`: it takes a lab file (`lab_file.with_lab` has turned it into
+    options by then). `settings` are further ones of the command.
     """
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         text = inspect.cleandoc(function.__doc__ or "").split("\n\n")
         settings.setdefault("help", "\n\n".join(" ".join(part.split()) for part in text))
-        app.command(name, **settings)(spelt_out(function))
+        app.command(name, **settings)(spelt_out(function, _LAB if lab else ()))
         return function
 
     return register
 
 
-def spelt_out(function: Callable[..., Any]) -> Callable[..., Any]:
+_LAB = (
+    inspect.Parameter(
+        "lab",
+        inspect.Parameter.KEYWORD_ONLY,
+        default=None,
+        annotation=Annotated[
+            str | None,
+            typer.Option(
+                "--lab",
+                metavar="FILE",
+                envvar="TOMBO_LAB",
+                help="A lab file (`tombo lab`), whose settings come before those given here.",
+            ),
+        ],
+    ),
+)
+
+
+def spelt_out(
+    function: Callable[..., Any], unused: Sequence[inspect.Parameter] = ()
+) -> Callable[..., Any]:
     """Return a function with an argument for each option, as typer reads it.
 
     Args:
         function: each parameter is a record of options, or anything that typer knows.
+        unused: further options, whose values the function does not get.
     """
     records: dict[str, type[Any]] = {}
     parameters: list[inspect.Parameter] = []
@@ -116,8 +140,11 @@ def spelt_out(function: Callable[..., Any]) -> Callable[..., Any]:
             name: kind(**{f.name: given.pop(f.name) for f in _options(kind)})
             for name, kind in records.items()
         }
+        for parameter in unused:
+            given.pop(parameter.name)
         return function(**made, **given)
 
+    parameters += unused
     call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     call.__annotations__ = {p.name: p.annotation for p in parameters}
     return call

@@ -65,7 +65,7 @@ class _Fly:
     no_record: bool = option("--no-record", "Write no flight.mcap.", False)
 
 
-@command(app, epilog=EXIT_CODES, cls=OptionalUrlCommand)
+@command(app, lab=True, epilog=EXIT_CODES, cls=OptionalUrlCommand)
 def fly(
     scene: options.Scene,
     draw: options.Draw,

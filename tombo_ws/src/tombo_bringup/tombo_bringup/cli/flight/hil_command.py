@@ -32,7 +32,7 @@ class _Hil:
     port: int = option("--port N", "TCP port for PX4: 4560 plus its instance.", 4560)
 
 
-@command(app, epilog=HIL_EXIT_CODES)
+@command(app, lab=True, epilog=HIL_EXIT_CODES)
 def hil(
     scene: options.Scene,
     given: _Hil,

@@ -39,7 +39,7 @@ class _Body:
     )
 
 
-@command(app, "mocap", epilog="Exit code: 0 when it was stopped, 2 for bad input.")
+@command(app, "mocap", lab=True, epilog="Exit code: 0 when it was stopped, 2 for bad input.")
 def mocap(source: _Source, tracked: _Body) -> None:
     """Publish the poses of the vehicle's rigid body as /mocap/pose, until it is stopped.
 

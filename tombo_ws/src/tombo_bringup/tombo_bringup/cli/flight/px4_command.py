@@ -52,7 +52,7 @@ class _Px4:
     )
 
 
-@command(app, epilog=PX4_EXIT_CODES)
+@command(app, lab=True, epilog=PX4_EXIT_CODES)
 def px4(
     scene: options.Scene,
     given: _Px4,

@@ -47,7 +47,7 @@ class _Sweep:
     )
 
 
-@command(app, epilog=SWEEP_EXIT_CODES)
+@command(app, lab=True, epilog=SWEEP_EXIT_CODES)
 def sweep(
     given: _Sweep,
     several: options.Seeds,

@@ -43,7 +43,7 @@ class _Up:
     )
 
 
-@command(app, epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)
+@command(app, lab=True, epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)
 def up(
     scene: options.Scene,
     variation: options.Variation,
