@@ -24,7 +24,6 @@ from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.link import extra_messages  # noqa: F401  for the parser
 from tombo_px4.link.link_params import LinkParams
 
 common.MAVLINK_IGNORE_CRC = None  # pymavlink takes it from the environment

@@ -21,7 +21,7 @@ from tombo_px4.frames import (
     px4_yaw,
 )
 from tombo_px4.link.decoded_messages import FORCE_ARMING
-from tombo_px4.link.link_params import GROUND_STATION, MOCAP, ODOMETRY, ONBOARD, VISION
+from tombo_px4.link.link_params import MOCAP, ODOMETRY, VISION
 from tombo_px4.modes import Mode
 
 POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
@@ -131,10 +131,9 @@ def throttle_of(thrust: float, mass: float, hover_thrust: float) -> float:
     return min(max(thrust / (mass * GRAVITY) * hover_thrust, 0.0), 1.0)
 
 
-def heartbeat(kind: str) -> Any:
-    """Return our HEARTBEAT: of an on-board computer, or of a ground station (`HEARTBEATS`)."""
-    types = {ONBOARD: mav.MAV_TYPE_ONBOARD_CONTROLLER, GROUND_STATION: mav.MAV_TYPE_GCS}
-    content = (types[kind], mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
+def heartbeat() -> Any:
+    """Return our HEARTBEAT, that of a ground station: PX4 sends its texts to those alone."""
+    content = (mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
     return mav.MAVLink_heartbeat_message(*content)
 
 
@@ -174,7 +173,7 @@ def request_message(to: MessageTarget, number: int) -> Any:
 
 
 def run_checks(to: MessageTarget) -> Any:
-    """Ask for all failed checks of arming, as events."""
+    """Ask for all failed checks of arming, as texts."""
     return command(to, mav.MAV_CMD_RUN_PREARM_CHECKS)
 
 
