@@ -260,7 +260,7 @@ class Bridge:
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
         self.watch.motion.pose(stamp_ns, position, unit)
-        pose = message_encoder.pose_message(self.params.mocap, stamp_ns, position, unit, None)
+        pose = message_encoder.pose_message(stamp_ns, position, unit)
         self._out.messages.append(pose)
         self.poses_sent += 1
         return why
@@ -500,7 +500,7 @@ class Bridge:
     @property
     def hover_thrust(self) -> float:
         """Throttle that hovers; 0: not known."""
-        return self.params.hover_thrust or float(self.parameters.values.get(HOVER, 0.0))
+        return float(self.parameters.values.get(HOVER, 0.0))
 
     # --- What is wrong ------------------------------------------------------------------------
 

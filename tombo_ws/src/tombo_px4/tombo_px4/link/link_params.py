@@ -1,4 +1,4 @@
-"""Parameters of a MAVLink link, and what the bridge sends over it by name."""
+"""Parameters of a MAVLink link."""
 
 from __future__ import annotations
 
@@ -6,14 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tombo_dynamics.params import param
-
-ODOMETRY, VISION, MOCAP = "odometry", "vision", "mocap"
-MOCAP_MESSAGES = {
-    ODOMETRY: "ODOMETRY, estimator type VISION",
-    VISION: "VISION_POSITION_ESTIMATE",
-    MOCAP: "ATT_POS_MOCAP, which EKF2 does not fuse",
-}
-"""What carries the poses to PX4 -> which message that is."""
 
 
 def plain(default: str | bool, doc: str) -> Any:
