@@ -3,7 +3,6 @@
 A test drops or alters messages, and refuses commands; all the rest is the endpoint's own.
 """
 
-import struct
 from collections import deque
 
 import numpy as np
@@ -12,14 +11,11 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_dynamics.records import numbers
 from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.link.extra_messages import EventMessage
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.modes import custom_mode
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.world import SpreadParams, World
 
-# as in the file of events of PX4 1.17
-DENIED, CHECKS_BEGIN, CHECKS_END = 16910493, 27825120, 18691879
 BRIDGE = (245, 191)
 WORLD = World(spread=SpreadParams(start=0.0, yaw=0.0, obstacle=0.0))
 
@@ -42,10 +38,9 @@ class ModifiedPx4:
         self.refuses = {}
         """Command -> result, of those that are not carried out."""
         self.failing = []
-        """Number, severity and modes of checks that it reports as failed, in place of its own."""
+        """Checks that it reports as failed, in place of its own."""
         self.received, self.targets, self.stamps = [], [], []
         """Messages; set points; capture on our clock as PX4 thinks, and arrival, of each pose."""
-        self.sequence = 0
         self._came, self._out = deque(), []
         self.boot(now_ns)
 
@@ -104,11 +99,12 @@ class ModifiedPx4:
             self.targets.append(message)
         command = message.command if kind == "COMMAND_LONG" else None
         if command in self.refuses:
-            self.tell(DENIED, 0x22)
+            self.say("Arming denied: Resolve system health failures first\t", 2)
             ack = mav.MAVLink_command_ack_message(command, self.refuses[command], 0, 0, *BRIDGE)
             self.send(ack, "bridge")
         elif command == mav.MAV_CMD_RUN_PREARM_CHECKS and self.failing:
-            self.report_checks()
+            for check in self.failing:
+                self.say(f"Preflight Fail: {check}", 2)
         elif not self.deaf(message):
             self._came.append(Received(message, now_ns, *BRIDGE, "bridge"))
 
@@ -127,25 +123,11 @@ class ModifiedPx4:
         return out
 
     def say(self, text, severity=6):
-        """Send a text without the event that says the same, where a ground station is heard."""
+        """Send a text, where a ground station is heard."""
         for chunk, first in enumerate(range(0, len(text), 50)):
             content = (severity, text.encode()[first : first + 50], 77, chunk)
             if self.endpoint.channels[0].hears_station(self.vehicle.boot_us):
                 self.send(mav.MAVLink_statustext_message(*content))
-
-    def tell(self, number, severity, *arguments):
-        """Send an event; arguments are pairs of a kind of `struct` and a value."""
-        data = b"".join(struct.pack("<" + kind, value) for kind, value in arguments)
-        self.sequence += 1
-        content = (number, 0, self.sequence, 0, 0, severity, list(data.ljust(40, b"\0")))
-        self.send(EventMessage(*content))
-
-    def report_checks(self):
-        """Send the failed checks of arming."""
-        self.tell(CHECKS_BEGIN, 8)
-        for number, severity, modes in self.failing:
-            self.tell(number, severity, ("I", modes), ("B", 0))
-        self.tell(CHECKS_END, 8)
 
     def push(self, velocity):
         """Add a velocity (3) [m/s] to the vehicle's."""

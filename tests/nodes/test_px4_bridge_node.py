@@ -216,7 +216,7 @@ def test_a_refusal_is_answered_with_px4s_own_words(lab, world):
         lab.px4.refuses[mav.MAV_CMD_COMPONENT_ARM_DISARM] = 1
     answer = lab.call("px4/arm", SetBool, data=True)
     assert not answer.success
-    assert "temporarily rejected: 'arming denied: a check fails" in answer.message
+    assert "temporarily rejected: 'Arming denied: Resolve system" in answer.message
     with lab.vehicle.lock:
         lab.set_parameter("EKF2_EV_CTRL", 0)
     lab.until(lambda s: not s.ready)

@@ -113,17 +113,6 @@ ros_yaw = px4_yaw
 """Returns the yaw counter-clockwise from east of a heading clockwise from north [rad]."""
 
 
-def px4_pose_covariance(covariance: ArrayLike) -> Array:
-    """Return the upper triangle (21), row by row, of a pose covariance in PX4's world axes.
-
-    Args:
-        covariance: (6, 6) of x, y, z [m^2] and of rotation about x, y, z of `map` [rad^2].
-    """
-    c = np.asarray(covariance, np.float64).reshape(6, 6)
-    turned: Array = _WORLD_TURN @ c @ _WORLD_TURN.T
-    return turned[_UPPER]
-
-
 def ros_pose_covariance(upper: ArrayLike) -> Array:
     """Return (6, 6) in axes of `map` from an upper triangle (21) in PX4's world axes."""
     c: Array = np.zeros((6, 6))

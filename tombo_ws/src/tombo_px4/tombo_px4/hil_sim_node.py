@@ -13,7 +13,6 @@ from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.hil.hand_motion import HandMotion
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
-from tombo_px4.hil.params import HilParams
 from tombo_ros.core_node import main_of
 from tombo_sim.simulator import Simulator
 from tombo_sim.vehicle_node import VehicleNode
@@ -37,7 +36,7 @@ class HilSimNode(VehicleNode):
         Raises:
             InputError: a parameter is refused, the port is taken, or the world can't be.
         """
-        super().__init__({"hil": HilParams()})
+        super().__init__({})
         if self.sim_time:
             raise InputError("use_sim_time true: PX4 flies in real time; accepted: false")
         port = self.declare(
@@ -52,10 +51,7 @@ class HilSimNode(VehicleNode):
         )
         hand = HandMotion(hand_at) if hand_at > 0.0 else None
         self._link = HilLink(port)
-        params = self.records["hil"].check()
-        self._hil = HilSimulator(
-            self.world, self.seed, params, self._link, watch=self._watch, hand=hand
-        )
+        self._hil = HilSimulator(self.world, self.seed, self._link, watch=self._watch, hand=hand)
         self.attach_simulator(self._hil.flight.simulator)
         self._began_ns = 0
         """Time of tick 0."""

@@ -31,8 +31,8 @@ nodes start, is caught up within a tenth of a second."""
 _LIFTED_M, _WARM_UP_TICKS, _TRY_TICKS = 0.02, 10_000, 50
 """Of the warm-up: a height, the most ticks, and how often it tries to begin."""
 _LINKS = (
-    ("onboard", "14540?local=14580", "link of an on-board computer"),
-    ("ground", "14550?local=18570", "link of a ground station"),
+    ("onboard", 14540, "link of an on-board computer"),
+    ("ground", 14550, "link of a ground station"),
 )
 _MOST_TICKS = 20
 """Most ticks in one run of the loop; links are read between the runs."""
@@ -72,8 +72,8 @@ class Px4SimNode(VehicleNode):
         if self.sim_time:
             raise InputError("use_sim_time true: a link to PX4 is in real time; accepted: false")
         urls = {
-            kind: self.declare(f"{kind}_url", f"udpout://127.0.0.1:{ports}", f"{doc}; empty: none")
-            for kind, ports, doc in _LINKS
+            kind: self.declare(f"{kind}_url", f"udpout://127.0.0.1:{port}", f"{doc}; empty: none")
+            for kind, port, doc in _LINKS
         }
         key_file = self.declare("key_file", "", "32 bytes of the signing key; empty: not signed")
         remote = self.declare("allow_remote", False, "true: speak to other machines too")

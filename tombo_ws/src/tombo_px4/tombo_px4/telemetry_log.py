@@ -6,6 +6,7 @@ endian], then a frame of MAVLink 1 or 2 (mavlink.io, "Serialization"). pymavlink
 
 from __future__ import annotations
 
+import struct
 from collections import Counter, defaultdict
 from typing import Any
 
@@ -83,13 +84,38 @@ def telemetry_messages(raw: bytes) -> tuple[dict[int, ColumnTable], list[str]]:
     return tables, damage
 
 
+def _define_esc_status(dialect: Any) -> Any:
+    """Return the class of ESC_STATUS, which pymavlink leaves out of a dialect: it is unfinished.
+
+    Checksum byte and order of the fields are those of MAVLink's `common.xml`.
+    """
+    fields = ["time_usec", "rpm", "voltage", "current", "index"]
+
+    def begin(self: Any, *values: Any) -> None:
+        dialect.MAVLink_message.__init__(self, _ESC_STATUS, "ESC_STATUS")
+        self._fieldnames = fields
+        vars(self).update(zip(fields, values, strict=True))
+
+    content = {
+        "id": _ESC_STATUS,
+        "msgname": "ESC_STATUS",
+        "crc_extra": 10,
+        "unpacker": struct.Struct("<Q4i4f4fB"),
+        "orders": list(range(5)),
+        "lengths": [1, 4, 4, 4, 1],
+        "array_lengths": [0, 4, 4, 4, 0],
+        "fieldnames": fields,
+        "ordered_fieldnames": fields,
+        "__init__": begin,
+    }
+    return type("MAVLink_esc_status_message", (dialect.MAVLink_message,), content)
+
+
 def _streams(raw: bytes) -> tuple[_Streams, list[str]]:
     """Return the messages of each sender, and what could not be read."""
     from pymavlink.dialects.v20 import ardupilotmega  # takes time, which other logs need not
 
-    from tombo_px4.link.extra_messages import EscStatus
-
-    ardupilotmega.mavlink_map.setdefault(_ESC_STATUS, EscStatus)
+    ardupilotmega.mavlink_map.setdefault(_ESC_STATUS, _define_esc_status(ardupilotmega))
     link = ardupilotmega.MAVLink(None)
     streams: _Streams = defaultdict(list)
     at = rejected = 0

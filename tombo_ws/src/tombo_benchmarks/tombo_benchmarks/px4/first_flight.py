@@ -33,7 +33,6 @@ from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
 from tombo_px4.hil.flight import HilFlight
 from tombo_px4.hil.hil_start_help import airframe_parameters
 from tombo_px4.hil.link import PX4_PORT
-from tombo_px4.hil.params import HilParams
 
 PAGE: Final = Path("docs/first_real_flight.md")
 SCENARIO, VEHICLE = "first.yaml", "my_vehicle.yaml"
@@ -105,7 +104,7 @@ class _Person:
     def __init__(self, build: Path, folder: Path, instance: int) -> None:
         self._build, self._folder, self._instance = build, folder, instance
         scenario = load_scenario(str(folder / SCENARIO))
-        flight = HilFlight(world_of(scenario), 0, HilParams().check())
+        flight = HilFlight(world_of(scenario), 0)
         vehicle = scenario.vehicle
         self.vehicle_file = yaml.safe_dump(
             {
@@ -124,7 +123,7 @@ class _Person:
     @contextmanager
     def vehicle(self, *, propellers: bool) -> Iterator[None]:
         """Run the simulator and PX4, which keeps its parameters."""
-        values: dict[str, Any] = {"port": PX4_PORT + self._instance, "hil.gps": False, **_NOISE}
+        values: dict[str, Any] = {"port": PX4_PORT + self._instance, **_NOISE}
         if not propellers:
             values |= {"hand_at": _HAND_AT_S, **_NO_PROPELLERS}
         words = ["-m", "tombo_px4.hil_sim_node", "--ros-args", "-r", "/mocap/pose:=/driver/pose"]

@@ -20,7 +20,6 @@ from tombo_px4.hil.flight import Watch
 from tombo_px4.hil.hil_start_help import airframe_parameters
 from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
-from tombo_px4.hil.params import HilParams
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Codec, Link, Received
 from tombo_px4.protocol.endpoint import Endpoint
@@ -111,9 +110,8 @@ class _RealPx4(LockstepPx4):
             accept_component=1,
         )
         self._hil_link = HilLink(PX4_PORT + setup.instance)
-        params = HilParams(gps=False).check()
         self._hil = HilSimulator(
-            world, setup.seed, params, self._hil_link, speed=0.0, watch=self._watch, hand=hand
+            world, setup.seed, self._hil_link, speed=0.0, gps=False, watch=self._watch, hand=hand
         )
         airframe = airframe_parameters(world, self._hil.flight)
         self._parameters = {**airframe, **MOCAP_ONLY}

@@ -62,17 +62,17 @@ class WrongAxes:
 
 
 WRONG_AXES: Final[Mapping[str, WrongAxes]] = {
-    "body yawed by 90 deg": WrongAxes(_body(2, 90.0), "is not the nose"),
-    "body yawed by 180 deg": WrongAxes(_body(2, 180.0), "is not the nose"),
-    "body yawed by 45 deg": WrongAxes(_body(2, 45.0), "is not the nose"),
-    "y up in world and body": WrongAxes(_y_up_both, "Y-up"),
-    "y up in the world": WrongAxes(_y_up, "Y-up"),
-    "z down: NED and FRD": WrongAxes(px4_pose, "z down"),
+    "body yawed by 90 deg": WrongAxes(_body(2, 90.0), "turned by 90 deg"),
+    "body yawed by 180 deg": WrongAxes(_body(2, 180.0), "turned by 180 deg"),
+    "body yawed by 45 deg": WrongAxes(_body(2, 45.0), "turned by 45 deg"),
+    "y up in world and body": WrongAxes(_y_up_both, "not +z"),
+    "y up in the world": WrongAxes(_y_up, "not +z"),
+    "z down: NED and FRD": WrongAxes(px4_pose, "not +z"),
     "mirrored in y": WrongAxes(
         lambda place, q: (place * [1, -1, 1], q * [-1, 1, -1, 1]), "mirrored"
     ),
     "quaternion w first": WrongAxes(lambda place, q: (place, np.roll(q, 1)), "w first"),
-    "body rolled by 90 deg": WrongAxes(_body(0, 90.0), "axes of the mocap body"),
+    "body rolled by 90 deg": WrongAxes(_body(0, 90.0), "turned by 90 deg"),
     "x and y of positions exchanged": WrongAxes(
         lambda place, q: (place[[1, 0, 2]], q), "positions"
     ),

@@ -197,8 +197,6 @@ REFUSED = [
     ("vehicle from-flights nothing.mcap -o there.yaml", "another name, or --force"),
     ("vehicle from-flights nothing.mcap -o v.yaml --mass nan", "--mass"),
     ("vehicle from-flights nothing.mcap", "-o"),
-    ("hil --port 0 --rate 400", "hil.rate: 400 Hz"),
-    ("hil --port 0 --rate nan", "hil.rate: nan"),
     ("hil --port 0 --speed -1", "--speed -1"),
     ("hil --port 0 --speed nan", "--speed nan"),
     ("hil --port 0 --duration 0", "--duration 0"),

@@ -11,7 +11,6 @@ from hil_peer import ALIGN, Peer
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.hil.link import HilLink
 from tombo_px4.hil.lockstep import HilSimulator
-from tombo_px4.hil.params import HilParams
 from tombo_sim.world import World
 
 TURN_NS = 20_000
@@ -32,12 +31,9 @@ class Bench:
         silent: int = 9,
         align: int = ALIGN,
         speed: float = 0.0,
-        **params: Any,
     ) -> None:
         self.link = HilLink(0)
-        self.hil = HilSimulator(
-            world or hover_world(), 1, HilParams(**params).check(), self.link, speed=speed
-        )
+        self.hil = HilSimulator(world or hover_world(), 1, self.link, speed=speed)
         self.now_ns = 10**15
         self.news: list[str] = []
         self.peer = Peer(self.link.port, silent, align)

@@ -8,7 +8,6 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from tombo_px4.hil.flight import HilFlight, HilSensors, MotorCommands
-from tombo_px4.hil.params import HilParams
 from tombo_px4.protocol.telemetry import pressure_at
 from tombo_sim.world import SpreadParams, World
 
@@ -19,7 +18,7 @@ class Shown:
     """A vehicle and what PX4 hears of it."""
 
     def __init__(self, world: World | None = None, seed: int = 1, **params: Any) -> None:
-        self.flight = HilFlight(world or World(spread=AT_ORIGIN), seed, HilParams(**params))
+        self.flight = HilFlight(world or World(spread=AT_ORIGIN), seed, **params)
         self.plant = self.flight.simulator.plant
         self.parser = common.MAVLink(None)
 
@@ -202,7 +201,7 @@ def test_no_reading_stands_still_even_without_effects():
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_others():
     def heard(seed: int) -> bytes:
-        flight = HilFlight(World(), seed, HilParams())
+        flight = HilFlight(World(), seed)
         return b"".join(flight.step(MotorCommands()) for _ in range(60))
 
     assert heard(3) == heard(3)

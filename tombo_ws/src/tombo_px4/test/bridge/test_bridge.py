@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from bridge_flight import MS, NOW, STEP, ZERO, Flight, hovering
+from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import Phase, PositionSetpoint
@@ -28,6 +29,19 @@ def test_a_flight_takes_off_lands_and_disarms_without_faults():
     assert not flight.events and not flight.out.faults
     assert not flight.bridge.message_decoder.refused
     assert str(flight.out.status.firmware) == "1.17.0"
+
+
+@pytest.mark.slow
+def test_a_denied_arming_says_why_in_px4s_own_words():
+    flight = Flight()
+    flight.px4.refuses[mav.MAV_CMD_COMPONENT_ARM_DISARM] = 1
+    flight.px4.failing = ["Press safety button first"]
+    flight.until(lambda f: f.out.status.ready)
+    assert not [t for t in flight.seen["texts"] if "safety" in t.text], "reported long ago"
+    flight.phase = Phase.TAKEOFF
+    flight.stage(SessionStage.GIVEN_UP, 20.0)
+    assert "'Arming denied: Resolve system health failures first'" in flight.out.status.why
+    assert "'Preflight Fail: Press safety button first'" in flight.out.status.why
 
 
 @pytest.mark.slow

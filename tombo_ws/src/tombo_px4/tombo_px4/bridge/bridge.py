@@ -40,11 +40,9 @@ from tombo_px4.bridge.pose_axes import AxesEvidence
 from tombo_px4.bridge.preflight import Preflight
 from tombo_px4.bridge.setpoint_stream import FlightLimits, SetpointStream
 from tombo_px4.bridge.vehicle_parameters import HOVER, READ, FindingSeverity, ParameterReader
-from tombo_px4.bridge.vehicle_words import VehicleWords
 from tombo_px4.link import decoded_messages as decoded
 from tombo_px4.link import message_encoder
-from tombo_px4.link.decoded_messages import MavLandedState
-from tombo_px4.link.file_transfer import FileAnswer
+from tombo_px4.link.decoded_messages import MavLandedState, Result
 from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.message_decoder import MessageDecoder
@@ -97,9 +95,7 @@ class Bridge:
             InputError: a parameter is a word that means nothing.
         """
         params.check()
-        link.check()
         self.params = params
-        self._heartbeat_type = link.heartbeat_type
         self.sync = TimeSync()
         self.answered = 0
         """TIMESYNC requests of the vehicle that were answered."""
@@ -121,7 +117,6 @@ class Bridge:
         self.message_rates = MessageRates(params, self._target)
         self.stream = SetpointStream(params, self._target, mass, self.limits)
         self.parameters = ParameterReader(READ, self._target, writes)
-        self.words = VehicleWords(self._target)
         self._out = BridgeOutput()
         self._answers: list[decoded.TimesyncMessage] = []
         self._heartbeat: decoded.Heartbeat | None = None
@@ -157,18 +152,15 @@ class Bridge:
             decoded.VehicleImu: self._take_imu,
             decoded.Heartbeat: partial(setattr, self, "_heartbeat"),
             decoded.TimesyncMessage: self._take_timesync,
-            decoded.CommandAck: self.session.handle_ack,
-            decoded.StatusText: self._take_status_text,
+            decoded.CommandAck: self._take_ack,
+            decoded.StatusText: self._say,
             decoded.MavLandedState: partial(setattr, self, "_landed"),
             decoded.EstimatorStatusFlags: partial(setattr, self.preflight, "estimator"),
             decoded.ParameterValue: self.parameters.take,
             decoded.BatteryReading: self._take_battery,
-            decoded.SystemStatus: self._take_system_status,
+            decoded.BatterySummary: self._take_battery_summary,
             decoded.ThrustSetpoint: self._take_thrust,
             decoded.AutopilotVersion: self._take_version,
-            decoded.VehicleEvent: self.words.take,
-            decoded.MetadataUri: self.words.metadata.take_uri,
-            FileAnswer: self.words.metadata.take_answer,
         }
 
     def _take_version(self, message: decoded.AutopilotVersion) -> None:
@@ -204,13 +196,19 @@ class Bridge:
         self._battery_ns = message.arrival_ns
         self._out.battery.append(message)
 
-    def _take_system_status(self, message: decoded.SystemStatus) -> None:
-        if message.battery.arrival_ns - self._battery_ns > 2 * SECOND_NS:
-            self._out.battery.append(message.battery)
+    def _take_battery_summary(self, message: decoded.BatterySummary) -> None:
+        if message.arrival_ns - self._battery_ns > 2 * SECOND_NS:
+            self._out.battery.append(message)
 
-    def _take_status_text(self, text: decoded.StatusText) -> None:
-        if not (text.also_event and self.words.explained):
-            self._say(text)
+    def _take_ack(self, ack: decoded.CommandAck) -> None:
+        """Take an answer; ask for all failed checks where arming is refused.
+
+        PX4 reports a check when its result changes, which may be long ago.
+        """
+        self.session.handle_ack(ack)
+        arms = ack.command == mav.MAV_CMD_COMPONENT_ARM_DISARM and not self._armed
+        if arms and ack.result not in (Result.ACCEPTED, Result.IN_PROGRESS):
+            self._out.messages.append(message_encoder.run_checks(self._target))
 
     def _say(self, text: decoded.StatusText) -> None:
         self._last_text = text.text
@@ -232,7 +230,6 @@ class Bridge:
         self._out.events.append(("vehicle_rebooted", "PX4 was restarted: its clock went back"))
         self.preflight.reset()
         self.parameters.reset()
-        self.words.reset()
         self._done_ns.pop("ask", None)
         self._linked_ns = now_ns
 
@@ -263,7 +260,7 @@ class Bridge:
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
         self.watch.motion.pose(stamp_ns, position, unit)
-        pose = message_encoder.pose_message(self.params.mocap, stamp_ns, position, unit, None)
+        pose = message_encoder.pose_message(stamp_ns, position, unit)
         self._out.messages.append(pose)
         self.poses_sent += 1
         return why
@@ -316,7 +313,8 @@ class Bridge:
 
     def tick(self, now_ns: int) -> BridgeOutput:
         """Decide; return what is to be sent and published."""
-        questions = self._explain_events(now_ns)
+        for text in self.message_decoder.take_expired(now_ns):
+            self._say(text)
         out, self._out = self._out, BridgeOutput()
         self._follow_clock(now_ns, out)
         self._answer_timesync(now_ns, out)
@@ -325,8 +323,6 @@ class Bridge:
             self.findings = self._check(now_ns)
         self._watch_motion(now_ns, out)
         self.session.tick(self._view(now_ns), out)
-        if linked:
-            out.messages += questions
         out.messages += [order.message(self._target) for order in out.vehicle_commands]
         self._housekeeping(now_ns, linked, out)
         out.messages += self._setpoint_messages(out.stream, now_ns)
@@ -335,16 +331,6 @@ class Bridge:
         self.status = out.status = self._status(linked)
         self._update_estimate_trusted(now_ns)
         return out
-
-    def _explain_events(self, now_ns: int) -> list[Any]:
-        """Say PX4's events and texts; return what to ask of it."""
-        for text in self.message_decoder.take_expired(now_ns):
-            self._take_status_text(text)
-        known = self._heartbeat is not None
-        questions, texts = self.words.tick(now_ns, known and not self._armed, self._armed)
-        for text in texts:
-            self._say(text)
-        return questions
 
     def _view(self, now_ns: int) -> SessionInput:
         """Return what the session decides by."""
@@ -464,7 +450,7 @@ class Bridge:
 
     def _housekeeping(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
         if self._due("heartbeat", _HEARTBEAT_NS, now_ns):
-            out.messages.append(message_encoder.heartbeat(self._heartbeat_type))
+            out.messages.append(message_encoder.heartbeat())
         beat = self._heartbeat
         if not linked or beat is None:
             return
@@ -514,7 +500,7 @@ class Bridge:
     @property
     def hover_thrust(self) -> float:
         """Throttle that hovers; 0: not known."""
-        return self.params.hover_thrust or float(self.parameters.values.get(HOVER, 0.0))
+        return float(self.parameters.values.get(HOVER, 0.0))
 
     # --- What is wrong ------------------------------------------------------------------------
 
@@ -582,7 +568,6 @@ class Bridge:
             "odometry_latency_ms": None
             if last is None or last.stamp_ns is None
             else round((last.arrival_ns - last.stamp_ns) * 1e-6, 2),
-            "px4_checks": " | ".join(self.words.checks),
             "findings": " | ".join(f"{f.weight.name.lower()}: {f.text}" for f in self.findings),
         }
         for prefix, values in (

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.params import param
-from tombo_px4.link.link_params import MOCAP_MESSAGES, ODOMETRY, plain
+from tombo_px4.link.link_params import plain
 
 POSITION, ATTITUDE, RATES = "position", "attitude", "rates"
 SETPOINT_KINDS = {
@@ -24,7 +24,6 @@ SIMULATED = "simulated"
 class BridgeParams:
     """What the bridge sends, its time-outs, and what a pose must fulfil before it arms."""
 
-    mocap: str = plain(ODOMETRY, "message for the poses: odometry, vision or mocap (not fused)")
     setpoint: str = plain(POSITION, "what PX4 follows: position, attitude or rates")
     axes_evidence: str = plain(
         "",
@@ -33,13 +32,6 @@ class BridgeParams:
     )
     tracked_body: str = plain(
         "", "name of the rigid body in the motion capture; a new name asks for a new proof"
-    )
-    hover_thrust: float = param(
-        0.0,
-        "1",
-        (0.0, 0.9),
-        "throttle that hovers, for attitude and rates; 0: read MPC_THR_HOVER from the vehicle",
-        "the vehicle knows",
     )
     attitude_lag: float = param(
         0.2,
@@ -132,12 +124,10 @@ class BridgeParams:
     )
 
     def check(self) -> None:
-        """Refuse unknown names of message kinds.
+        """Refuse an unknown kind of set point.
 
         Raises:
             InputError: names the parameter and what is accepted.
         """
-        if self.mocap not in MOCAP_MESSAGES:
-            raise unknown_name("value of px4.mocap", self.mocap, MOCAP_MESSAGES)
         if self.setpoint not in SETPOINT_KINDS:
             raise unknown_name("value of px4.setpoint", self.setpoint, SETPOINT_KINDS)

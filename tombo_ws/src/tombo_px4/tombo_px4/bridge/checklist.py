@@ -25,7 +25,6 @@ from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.hand_rotation_check import CARRY_M, TURN_RAD, HandVerdict
 from tombo_px4.bridge.pose_axes import AxesEvidence, up_error, up_in_pose_body
 from tombo_px4.bridge.vehicle_parameters import (
-    DELAY_MAX,
     EV_CTRL,
     EV_DELAY,
     FUSED,
@@ -33,7 +32,6 @@ from tombo_px4.bridge.vehicle_parameters import (
     explain_parameters,
 )
 from tombo_px4.link.decoded_messages import EstimatorStatusFlags, VehicleImu, VehicleOdometry
-from tombo_px4.link.link_params import MOCAP
 from tombo_px4.link.timesync import TimeSync
 
 _ADVICE, _WARNING, _BLOCKS = FindingSeverity
@@ -55,8 +53,8 @@ _PAIR_NS = 50_000_000
 _DELAY_OFF_MS = 20.0
 _OTHER_BODY_RAD = 0.035
 """The tilt of a body at rest against gravity tells it from another definition of it: 2 deg."""
-_LARGEST_ROOM_M, _LARGEST_NOISE_M = 100.0, 0.02
-"""[m]: places further from the origin, and more noise of a vehicle at rest, are wrong."""
+_LARGEST_NOISE_M = 0.02
+"""[m]: poses of a vehicle at rest have less noise."""
 _REQUESTS_NS = 3 * SECOND_NS
 
 
@@ -261,13 +259,6 @@ def _show_frozen(state: CheckState) -> str:
     )
 
 
-def _show_unit(state: CheckState) -> str:
-    if np.abs(state.places).max(initial=0.0) <= _LARGEST_ROOM_M:
-        return ""
-    where = _place(np.median(state.places, axis=0))
-    return f"mocap poses are not in metres (millimetres?): ({where}); let the driver send metres"
-
-
 def _show_bodies(state: CheckState) -> str:
     apart = bodies_apart(state.places) if len(state.places) else 0.0
     if apart <= 0.0:
@@ -317,17 +308,6 @@ def _show_unasked(state: CheckState) -> str:
     )
 
 
-def _show_age(state: CheckState) -> str:
-    here_ms = 1e3 * latency_s(state.poses)
-    extra, kept = state.values.get(EV_DELAY, 0.0), state.values.get(DELAY_MAX, math.inf)
-    if not here_ms + extra > kept:  # so without poses: NaN
-        return ""
-    return (
-        f"poses are {here_ms + extra:.0f} ms old for EKF2 ({here_ms:.0f} ms to here, EKF2_EV_DELAY"
-        f" {extra:.0f} ms), it keeps {kept:.0f} ms (EKF2_DELAY_MAX) and drops older ones"
-    )
-
-
 # --- PX4's parameters and its use of the poses ---------------------------------------------------
 
 
@@ -357,11 +337,6 @@ def _show_mocap_parameters(state: CheckState) -> str:
 
 def _show_unfused(state: CheckState) -> str:
     control = int(state.values.get(EV_CTRL, FUSED))
-    if state.params.mocap == MOCAP:
-        return (
-            "poses go out as ATT_POS_MOCAP, which EKF2 does not fuse: set px4.mocap to odometry or"
-            " vision"
-        )
     if not control & 1:
         return f"position is not fused: EKF2_EV_CTRL is {control}, without bit 0; set it to 11"
     told = state.told
@@ -531,18 +506,16 @@ CHECKS = (
     ),
     Check("pose_stale", "do poses come?", _show_silence),
     Check("pose_frozen", "do their bits change?", _show_frozen, _WARNING),
-    Check("pose_unit", "are they in metres?", _show_unit),
-    Check("pose_bodies", "are they of one body?", _show_bodies, unless=("pose_unit",)),
+    Check("pose_bodies", "are they of one body?", _show_bodies),
     Check(
         "pose_moves",
-        "do they rest with the vehicle?",
+        "do they rest with the vehicle, in metres?",
         _show_motion_at_rest,
-        unless=("pose_unit", "pose_bodies"),
+        unless=("pose_bodies",),
     ),
     Check("pose_rate", "do they come often enough?", _show_rate, _WARNING),
     Check("timesync", "are the clocks compared?", _show_timesync),
     Check("timesync_unasked", "does PX4 use it?", _show_unasked, _WARNING, ("timesync",)),
-    Check("pose_delay", "are poses new enough for EKF2?", _show_age),
     Check("loss_parameters", "does a loss end on the ground?", _show_loss_parameters),
     Check("mocap_parameters", "is mocap alone fused?", _show_mocap_parameters, _WARNING),
     Check(

@@ -406,7 +406,7 @@ class PoseMotionWatch:
         times = np.array([(s[0] - begin_ns) * 1e-9 for s in imu])
         turned = integrate(times, np.array([s[1] for s in imu]))
         spans = rotation_spans(stamps, np.array([p[2] for p in poses]), begin_ns)
-        fit = fit_axes(times, turned, spans, any_angle=False)
+        fit = fit_axes(times, turned, spans, any_axes=False)
         size = np.linalg.norm(fit.felt, axis=1)
         use = (size > _TURN_LEAST_RAD) & (size < _TURN_MOST_RAD)
         sums = MotionSums(_TURN_SPAN_S)

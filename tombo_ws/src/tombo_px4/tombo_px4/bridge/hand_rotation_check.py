@@ -10,21 +10,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotation import body_to_map, conjugate, unwrap_quaternions
+from tombo_dynamics.rotation import body_to_map, unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.pose_motion import (
-    FLAT_READINGS,
-    READINGS,
     SHORT_HALF,
-    AxesFit,
-    clearest,
     fit_axes,
     integrate,
     rotation_spans,
@@ -45,17 +42,16 @@ _AGREES = 0.25
 _MOVES_AGREE = 0.7
 """Correlation of positions and accelerometer, in all and along each direction: hands turn the
 vehicle about other points."""
+_CLEARER = 0.5
+"""Other axes of the positions must leave less than this share of what the plain ones leave."""
+_MIRRORED = -2.5
+"""Trace of axes that are all turned round, within 24 deg."""
 _SCALE_OFF = 0.25
 """Motion of positions over that of the accelerometer may be off by this."""
-_NAMES = "xyz"
-_INVERSE = (
-    "mocap attitude is the inverse: it turns map into base_link; let the driver send the rotation"
-    " from base_link to map (w, or x, y and z with the other sign)"
-)
-_W_FIRST = "mocap quaternion is w first: let the driver fill x, y, z, w"
 _UNEXPLAINED = (
-    "poses turn otherwise than PX4's gyro: is the tracked body this vehicle, are its markers"
-    " fixed, do stamps and poses belong together?"
+    "poses turn otherwise than PX4's gyro: the quaternion is w first (let the driver fill x, y, z,"
+    " w) or inverse (it must turn base_link into map), or another body is tracked, or its markers"
+    " move"
 )
 
 
@@ -151,29 +147,22 @@ def _judge_motion(
     turned = (np.abs(rates[1:]) * steps[:, None])[fast].sum(axis=0)
     if float(speed[fast] @ steps[fast]) < _ENOUGH:
         return None
-    gyro = integrate(times, rates)
-    complete = bool((turned >= TURN_RAD).all())
-    fits: list[tuple[str, AxesFit]] = []
-    for mistake, meant in _QUATERNIONS:
-        fit = fit_axes(times, gyro, rotation_spans(stamps, meant(attitudes), begin_ns), complete)
-        if not len(fit.felt):
-            return None
-        if fit.left <= _AGREES:
-            fits.append((mistake, fit))
-        if fits and not mistake:
-            break
-    about = tuple(turned.tolist())
-    if not fits:
-        return HandVerdict(math.nan, _UNEXPLAINED, sure=False, turned=about)
-    mistake, best = min(fits, key=lambda f: _angle(f[1].axes))
-    if mistake:
-        return HandVerdict(best.delay_s, mistake, turned=about)
-    axes = np.eye(3) if complete and _angle(best.axes) <= angle_max else best.axes
-    seconds = (stamps - begin_ns) * 1e-9 - best.delay_s
+    ways, least = _carried(positions)
+    about, carried = tuple(turned.tolist()), tuple(ways.tolist())
+    if min(about) < TURN_RAD:
+        return HandVerdict(math.nan, "", True, about, carried, False, least)
+    spans = rotation_spans(stamps, attitudes, begin_ns)
+    fit = fit_axes(times, integrate(times, rates), spans, any_axes=True)
+    if not len(fit.felt):
+        return None
+    if fit.left > _AGREES:
+        return HandVerdict(math.nan, _UNEXPLAINED, False, about, carried, False, least)
+    axes = np.eye(3) if _angle(fit.axes) <= angle_max else fit.axes
+    seconds = (stamps - begin_ns) * 1e-9 - fit.delay_s
     motion = _compare_motion(seconds, positions, attitudes, times, force @ axes.T)
-    carried, least = tuple(motion.carried.tolist()), motion.least_carried
+    moves = motion.compared and least >= CARRY_M
     mistake = _explain(axes, motion, angle_max)
-    return HandVerdict(best.delay_s, mistake, True, about, carried, motion.compared, least)
+    return HandVerdict(fit.delay_s, mistake, True, about, carried, moves, least)
 
 
 class _PositionMotion(NamedTuple):
@@ -181,19 +170,15 @@ class _PositionMotion(NamedTuple):
 
     Attributes:
         up: direction of up in the mocap's world.
-        carried: way to and fro along each axis [m].
-        least_carried: the same along the direction in which it was carried least [m].
-        reading: signed exchange of axes that turns accelerations into those of the positions;
-            None: the motion was too small to tell.
+        axes: (3, 3) turns accelerations into those of the positions, and may mirror them; None:
+            the motion was too small to tell.
         scale: motion of the positions over that of the accelerometer.
         scale_error: three standard errors of it.
         agrees: positions agree along each principal direction of the motion.
     """
 
     up: Array
-    carried: Array
-    least_carried: float
-    reading: Array | None = None
+    axes: Array | None = None
     scale: float = 1.0
     scale_error: float = math.inf
     agrees: bool = False
@@ -205,9 +190,8 @@ class _PositionMotion(NamedTuple):
 
     @property
     def compared(self) -> bool:
-        """Positions were carried along each direction, and agree."""
-        right = max(abs(self.scale - 1.0), self.scale_error) < _SCALE_OFF
-        return self.agrees and right and self.least_carried >= CARRY_M
+        """The positions agree, and their scale is surely right."""
+        return self.agrees and max(abs(self.scale - 1.0), self.scale_error) < _SCALE_OFF
 
 
 def _compare_motion(
@@ -231,13 +215,17 @@ def _compare_motion(
     mean = felt.mean(axis=0)
     up = mean / max(float(np.linalg.norm(mean)), 1e-9)
     seen, wanted = second_differences(times, position, felt_times, felt - GRAVITY * up)
-    known = _PositionMotion(up, *_carried(position))
+    known = _PositionMotion(up)
     W, S = float((wanted**2).sum()), float((seen**2).sum())
     if len(seen) < 50 or min(W, S) <= 0.0:
         return known
-    products = FLAT_READINGS @ (seen.T @ wanted).ravel()
-    k = clearest(1.0 - np.maximum(products, 0.0) ** 2 / (S * W))
-    correlation = products[k] / math.sqrt(S * W)
+    left, stretch, right = np.linalg.svd(seen.T @ wanted)
+    axes, product = left @ right, float(stretch.sum())
+    plain = max(float((seen * wanted).sum()), 0.0)
+    same = S * W - product**2 > _CLEARER * (S * W - plain**2)
+    if same:
+        axes, product = np.eye(3), plain
+    correlation = product / math.sqrt(S * W)
     if correlation < _MOVES_AGREE:
         return known
     count = len(seen) / (2 * SHORT_HALF)
@@ -246,19 +234,9 @@ def _compare_motion(
     _, directions = np.linalg.eigh(wanted.T @ wanted)
     s, w = seen @ directions, wanted @ directions
     size = np.sqrt((s**2).sum(axis=0) * (w**2).sum(axis=0))
-    agrees = k == 0 and bool(((s * w).sum(axis=0) >= _MOVES_AGREE * size).all())
-    scale = float(products[k]) / W
-    return known._replace(
-        reading=READINGS[k], scale=scale, scale_error=3.0 * error * scale, agrees=agrees
-    )
-
-
-_QUATERNIONS: tuple[tuple[str, Callable[[Array], Array]], ...] = (
-    ("", lambda q: q),
-    (_INVERSE, conjugate),
-    (_W_FIRST, lambda q: np.roll(q, -1, axis=-1)),
-)
-"""What is wrong with the quaternion itself -> what was meant."""
+    agrees = same and bool(((s * w).sum(axis=0) >= _MOVES_AGREE * size).all())
+    scale = product / W
+    return _PositionMotion(up, axes, scale, 3.0 * error * scale, agrees)
 
 
 def _carried(position: Array) -> tuple[Array, float]:
@@ -276,82 +254,36 @@ def _angle(axes: Array) -> float:
     return math.acos(min(max(0.5 * (float(np.trace(axes)) - 1.0), -1.0), 1.0))
 
 
-def _exchange(axes: Array) -> str:
-    """Return which axis is read as which, in words; "" if each is itself."""
-    reads = []
-    for column in range(3):
-        row = int(np.argmax(np.abs(axes[:, column])))
-        sign = "-" if axes[row, column] < 0.0 else ""
-        if sign or row != column:
-            reads.append(f"{_NAMES[column]} as {sign}{_NAMES[row]}")
-    return ", ".join(reads)
-
-
 def _explain(axes: Array, motion: _PositionMotion, angle_max: float) -> str:
-    """Return in words what is wrong with the axes of body, attitude and position."""
-    reading = motion.reading
-    mirrored = reading is not None and np.array_equal(reading, -np.eye(3))
+    """Return in words what is wrong with the axes of body, world and position; "" if nothing is.
+
+    Turning is an axial vector: a mirror turns it round, and the up that attitudes show with it.
+    """
+    moves = motion.axes
+    mirrored = moves is not None and float(np.trace(moves)) < _MIRRORED
     parts = []
-    body = _explain_body(axes, mirrored, reading is None)
-    if body:
-        parts.append(body)
-    up = -motion.up if mirrored else motion.up
-    if up[2] < math.cos(angle_max) and (reading is not None or not body):
-        parts.append(_explain_world(up))
+    if mirrored:
+        parts.append("mocap attitude is mirrored: let the driver send right-handed ENU and FLU")
+    elif not np.array_equal(axes, np.eye(3)):
+        x, y, z = Rotation.from_matrix(axes.T).as_rotvec() / max(_angle(axes), 1e-9)
+        parts.append(
+            f"the rigid body is turned by {math.degrees(_angle(axes)):.0f} deg about ({x:z.1f},"
+            f" {y:z.1f}, {z:z.1f}) against the autopilot: define it with x to the nose and z up"
+        )
+    x, y, z = -motion.up if mirrored else motion.up
+    if z < math.cos(angle_max) and (moves is not None or not parts):
+        parts.append(
+            f"up in the mocap's world is ({x:z.1f}, {y:z.1f}, {z:z.1f}), not +z: set the streamed"
+            " up axis to Z (OptiTrack Motive: Streaming, Up Axis), or the ground plane again"
+        )
     if motion.wrong_scale:
         parts.append(
             f"positions move {motion.scale:.2g} times as far as PX4's accelerometer measures:"
             " unit or scale of the motion capture; poses are in metres"
         )
-    if reading is not None and not mirrored and not np.array_equal(reading, np.eye(3)):
+    if moves is not None and not mirrored and not np.array_equal(moves, np.eye(3)):
         parts.append(
-            f"mocap positions move along other axes than the attitude says: {_exchange(reading)};"
-            " let the driver turn position and attitude alike, into right-handed ENU"
+            "mocap positions move along other axes than the attitude says: let the driver turn"
+            " position and attitude alike, into right-handed ENU"
         )
     return "; ".join(parts)
-
-
-def _explain_body(axes: Array, mirrored: bool, carried: bool) -> str:
-    nearest = READINGS[int(np.argmax(FLAT_READINGS @ axes.ravel()))]
-    exchange = _exchange(nearest)
-    if np.array_equal(axes, np.eye(3)):
-        return ""
-    # turning is an axial vector: a mirror turns it round, and z with it, though z stays up
-    if mirrored or np.linalg.det(axes) < 0.0:
-        return (
-            f"mocap attitude is mirrored: turning shows about {exchange}; left-handed axes, or a"
-            " sign lost on the way: let the driver send right-handed ENU and FLU"
-        )
-    degrees = math.degrees(_angle(axes))
-    turn = np.array([axes[2, 1] - axes[1, 2], axes[0, 2] - axes[2, 0], axes[1, 0] - axes[0, 1]])
-    if float((axes * nearest).sum()) < 2.8:
-        size = max(float(np.linalg.norm(turn)), 1e-9)
-        about = ", ".join(f"{t / size:.1f}" for t in turn)
-        exchange = f"an axis ({about}) turned by {degrees:.0f} deg"
-    if axes[2, 2] > math.cos(0.3):
-        yaw = math.degrees(math.atan2(-axes[1, 0], axes[0, 0]))
-        return (
-            f"x of the rigid body is not the nose: it is turned by {yaw:+.0f} deg about z against"
-            " the autopilot; define the rigid body with the nose along +x"
-        )
-    text = (
-        f"axes of the mocap body are not the autopilot's: turning shows about {exchange}; define"
-        " the rigid body with x to the nose and z up (Motive streams Y-up by default)"
-    )
-    if axes[2, 2] < -0.9:
-        text += "; z of the body points down (FRD)"
-        text += ", or the attitude is mirrored: left-handed axes" if carried else ""
-    return text
-
-
-def _explain_world(up: Array) -> str:
-    axis = int(np.argmax(np.abs(up)))
-    if abs(float(up[axis])) < 0.95:
-        tilt = math.degrees(math.acos(min(max(float(up[2]), -1.0), 1.0)))
-        return f"mocap world is tilted: up is {tilt:.0f} deg off +z; set the ground plane again"
-    name = ("-" if up[axis] < 0.0 else "+") + _NAMES[axis]
-    kind = "NED: z down" if name == "-z" else f"{_NAMES[axis].upper()}-up"
-    return (
-        f"mocap world is {kind}: up is its {name}; set the streamed up axis to Z (OptiTrack"
-        " Motive: Streaming, Up Axis)"
-    )

@@ -7,7 +7,6 @@ needed, and no integration drifts.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -29,8 +28,6 @@ _ROTATION_SPAN_NS = 90_000_000
 """Rotations are compared over this time; between two frames the noise of poses is larger."""
 _MAX_ROTATION_GAP_NS = 250_000_000
 _MIN_SPANS = 20
-_CLEARER = 0.5
-"""Another reading of the axes must leave less than this share of what the plain reading leaves."""
 _EARLIEST_S, _LATEST_S, _COARSE_S, _FINE_S = -0.06, 0.3, 0.03, 0.005
 """Delays of the stamps that are tried [s]."""
 
@@ -124,27 +121,27 @@ class AxesFit(NamedTuple):
 _NO_FIT = AxesFit(math.inf, 0.0, np.eye(3), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def fit_axes(times: Array, turned: Array, spans: TurnSpans, any_angle: bool) -> AxesFit:
+def fit_axes(times: Array, turned: Array, spans: TurnSpans, any_axes: bool) -> AxesFit:
     """Return the delay and the axes that explain most.
 
     Args:
         times: (N) of the gyro [s].
         turned: (N, 3) its integral [rad].
         spans: of the poses.
-        any_angle: turned about each axis, so that any rotation between the axes can be told; else
-            only signed exchanges, and the plain reading holds unless another explains much more.
+        any_axes: any rotation between the axes is looked for, which takes turns about each axis;
+            else the axes are the autopilot's.
     """
     best = _NO_FIT
     delays: list[float] = np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S).tolist()
     for step in (_COARSE_S, _FINE_S):
-        fits = [_fit_at(times, turned, spans, any_angle, delay) for delay in delays]
+        fits = [_fit_at(times, turned, spans, any_axes, delay) for delay in delays]
         best = min([best, *fits], key=lambda fit: fit.left)
         delays = (best.delay_s + np.arange(-step, step, _FINE_S)).tolist()
     return best
 
 
 def _fit_at(
-    times: Array, turned: Array, spans: TurnSpans, any_angle: bool, delay: float
+    times: Array, turned: Array, spans: TurnSpans, any_axes: bool, delay: float
 ) -> AxesFit:
     first, last, turn = spans[0] - delay, spans[1] - delay, spans[2]
     inside = (first >= times[0]) & (last <= times[-1])
@@ -157,36 +154,13 @@ def _fit_at(
         return _NO_FIT
     # the sum of squares of `seen - felt @ axes.T`, from one 3x3 matrix
     common, matrix = float((seen**2).sum()) + total, seen.T @ felt
-    if any_angle:
+    axes: Array = np.eye(3)
+    if any_axes:
         left_, _, right = np.linalg.svd(matrix)
         handed = np.array([1.0, 1.0, np.linalg.det(left_ @ right)])
-        axes: Array = (left_ * handed) @ right
-        left = (common - 2.0 * float((axes * matrix).sum())) / total
-        return AxesFit(left, delay, axes, felt, seen)
-    lefts = (common - 2.0 * (FLAT_READINGS @ matrix.ravel())) / total
-    k = clearest(lefts)
-    return AxesFit(float(lefts[k]), delay, READINGS[k], felt, seen)
-
-
-def clearest(lefts: Array) -> int:
-    """Return the reading that leaves least; the plain one unless another leaves much less."""
-    k = int(np.argmin(lefts))
-    return k if lefts[k] <= _CLEARER * lefts[0] else 0
-
-
-def _readings() -> list[Array]:
-    """Return all 48 signed exchanges of axes, the plain one first, then the likeliest."""
-    readings = [
-        np.eye(3)[list(order)] * np.array(signs)[:, None]
-        for order in itertools.permutations(range(3))
-        for signs in itertools.product((1.0, -1.0), repeat=3)
-    ]
-    # few changes before many, turns before mirrors
-    return sorted(readings, key=lambda a: (-float(np.trace(a)), -round(float(np.linalg.det(a)))))
-
-
-READINGS = _readings()
-FLAT_READINGS = np.array([axes.ravel() for axes in READINGS])
+        axes = (left_ * handed) @ right
+    left = (common - 2.0 * float((axes * matrix).sum())) / total
+    return AxesFit(left, delay, axes, felt, seen)
 
 
 @dataclass

@@ -222,9 +222,7 @@ class SetpointStream:
         if self._params.setpoint == POSITION:
             return faults
         if hover <= 0.0:
-            faults["hover_thrust"] = (
-                "MPC_THR_HOVER is not known: position set points are flown; set px4.hover_thrust"
-            )
+            faults["hover_thrust"] = "MPC_THR_HOVER is not known: position set points are flown"
         last = self._attitude_or_rates
         if last is None or now_ns - last[2] > _TIMEOUT_NS:
             faults["rotation_silent"] = (

@@ -16,7 +16,7 @@ from tombo_px4.link.decoded_messages import ParameterValue
 from tombo_px4.link.message_encoder import MessageTarget, float_of_int, read_parameter
 
 EV_CTRL, EV_DELAY, SYS_HAS_GPS = "EKF2_EV_CTRL", "EKF2_EV_DELAY", "SYS_HAS_GPS"
-DELAY_MAX, HOVER = "EKF2_DELAY_MAX", "MPC_THR_HOVER"
+HOVER = "MPC_THR_HOVER"
 FUSED = 11
 """EKF2_EV_CTRL: position (1), height (2) and yaw (8)."""
 _OFFBOARD_EXCEPTED = 4
@@ -95,7 +95,7 @@ FLIGHT_PARAMETERS = (
     ),
     FlightParameter(
         "NAV_DLL_ACT", 0, lambda action: action <= 0,
-        "as in Gazebo's airframes: it arms only with a ground station connected", _ADVICE,
+        "the bridge is its ground station: PX4 does this when the bridge ends in flight", _ADVICE,
     ),
     FlightParameter(
         "COM_RCL_EXCEPT", 4, lambda modes: bool(int(modes) & _OFFBOARD_EXCEPTED),
@@ -109,7 +109,7 @@ SAFE_PARAMETERS: Mapping[str, float] = {
     "COM_LOW_BAT_ACT": 2,
 }
 """What `px4_parameters=safe` sets; a critical battery lands, and OFFBOARD needs neither remote
-control nor ground station."""
+control nor another ground station."""
 MOCAP_ONLY: Mapping[str, float] = {
     **{p.name: p.value for p in FLIGHT_PARAMETERS if p.weight == _WARNING and p.name != EV_DELAY},
     SYS_HAS_GPS: 0,
@@ -117,7 +117,7 @@ MOCAP_ONLY: Mapping[str, float] = {
 }
 """What `px4_parameters=mocap` sets. With these PX4 1.17 flew by external poses alone: position,
 height and yaw."""
-READ = (*(p.name for p in FLIGHT_PARAMETERS), SYS_HAS_GPS, DELAY_MAX, HOVER)
+READ = (*(p.name for p in FLIGHT_PARAMETERS), SYS_HAS_GPS, HOVER)
 """Parameters read from the vehicle."""
 
 

@@ -19,7 +19,6 @@ from tombo_dynamics.time_base import TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 from tombo_px4.frames import PX4_ROTORS, GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu
 from tombo_px4.hil.link import COMPONENT, SYSTEM
-from tombo_px4.hil.params import HilParams
 from tombo_px4.protocol.telemetry import (
     INT16,
     altitude_at,
@@ -171,6 +170,8 @@ SLOW_SENSORS_EVERY = 5
 _GPS_US = 100_000
 """Period of HIL_GPS, as in PX4's simulators."""
 TICK_US = TICK_NS // 1000
+STEP_TICKS = 4
+"""Ticks between two HIL_SENSOR: PX4 expects 250 Hz (IMU_INTEG_RATE)."""
 Watch = Callable[[Simulator], None]
 
 
@@ -193,20 +194,21 @@ class HilFlight:
         self,
         world: World,
         seed: int,
-        params: HilParams,
+        gps: bool = True,
         watch: Watch | None = None,
         hand: Watch | None = None,
     ) -> None:
         """Set the vehicle on the ground.
 
-        `watch` is called at every tick after the first; `hand` before its samples are taken.
+        `gps`: HIL_GPS is sent, too. `watch` is called at every tick after the first; `hand` before
+        its samples are taken.
 
         Raises:
             InputError: as `Simulator`.
         """
         self._watch = watch
         self._hand = hand
-        self.params = params
+        self._gps = gps
         self.simulator = Simulator(world, seed)
         self.sensors = HilSensors(seed)
         self.controls = MotorMapping(world.vehicle, self.simulator.setup.maps)
@@ -228,7 +230,7 @@ class HilFlight:
         """
         self.rotors = self.controls.speeds(motors.controls, motors.armed)
         simulator, sensors = self.simulator, self.sensors
-        for _ in range(self.params.ticks):
+        for _ in range(STEP_TICKS):
             simulator.advance(self.rotors)
             if self._hand is not None:
                 self._hand(simulator)
@@ -237,7 +239,7 @@ class HilFlight:
                 self._watch(simulator)
         self.steps += 1
         messages = []
-        if self.params.gps and self.time_us % _GPS_US < self.params.ticks * TICK_US:
+        if self._gps and self.time_us % _GPS_US < STEP_TICKS * TICK_US:
             messages.append(sensors.gps(self._mav, self.time_us, simulator.plant))
         messages.append(self._sensor())
         return b"".join(bytes(message.pack(self._mav)) for message in messages)

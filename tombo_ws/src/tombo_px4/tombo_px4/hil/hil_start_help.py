@@ -9,7 +9,6 @@ from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.frames import PX4_ROTORS, frd_from_flu
 from tombo_px4.hil.flight import HilFlight
 from tombo_px4.hil.link import PX4_PORT
-from tombo_px4.hil.lockstep import PX4_RATE
 from tombo_sim.world import World
 
 AIRFRAME = {"PX4_SIM_MODEL": "none_iris", "PX4_SYS_AUTOSTART": "10016"}
@@ -19,15 +18,11 @@ _MOST_INSTANCES = 255
 
 
 def airframe_parameters(world: World, flight: HilFlight) -> dict[str, float]:
-    """Return the PX4 parameters that describe the Tombo vehicle, and the link if it is unusual.
+    """Return the PX4 parameters that describe the Tombo vehicle.
 
-    PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll. In
-    lockstep PX4 answers once its estimator has run, so that must run at each HIL_SENSOR.
+    PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll.
     """
     parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), **SAFE_PARAMETERS}
-    rate = round(flight.params.rate)
-    if rate != PX4_RATE:
-        parameters |= {"IMU_INTEG_RATE": rate, "IMU_GYRO_RATEMAX": rate}
     positions = frd_from_flu(world.vehicle.rotor_positions())
     ratio = float(flight.simulator.setup.maps.torque_ratio)
     for motor, rotor in enumerate(PX4_ROTORS):

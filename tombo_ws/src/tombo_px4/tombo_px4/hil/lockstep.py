@@ -2,7 +2,7 @@
 
 Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_usec` is PX4's clock.
 
-    hil = HilSimulator(world, seed=0, params=HilParams(), link=HilLink(4560))
+    hil = HilSimulator(world, seed=0, link=HilLink(4560))
     while True:
         if hil.advance(time.monotonic_ns()):        # one step was flown
             ...
@@ -19,17 +19,14 @@ from collections import deque
 from enum import Enum
 from typing import NamedTuple
 
-from tombo_px4.hil.flight import HilFlight, MotorCommands, Watch
+from tombo_px4.hil.flight import STEP_TICKS, HilFlight, MotorCommands, Watch
 from tombo_px4.hil.link import ActuatorControls, HilLink
-from tombo_px4.hil.params import HilParams
 from tombo_sim.world import World
 
 BOOT_PATIENCE_NS = 5_000_000
 """Wait for an answer while PX4 boots; it answered from the tenth step on."""
 PATIENCE_NS = 1_000_000_000
 """A missing answer is reported after this time; PX4 reports it after a second too."""
-PX4_RATE = 250
-"""[Hz] at which PX4 expects HIL_SENSOR; it answers once its estimator has run (IMU_INTEG_RATE)."""
 _SLIP_NS = 200_000_000
 """If it is behind by more, the simulation does not catch up."""
 _MAX_NOTICES = 200
@@ -70,10 +67,10 @@ class HilSimulator:
         self,
         world: World,
         seed: int,
-        params: HilParams,
         link: HilLink,
         *,
         speed: float = 1.0,
+        gps: bool = True,
         watch: Watch | None = None,
         hand: Watch | None = None,
     ) -> None:
@@ -82,27 +79,27 @@ class HilSimulator:
         Args:
             world: what is simulated.
             seed: of all random draws; each flight has the same.
-            params: checked (`HilParams.check`).
             link: where PX4 connects; closing it is up to the caller.
             speed: simulated time against that of `advance`; 0: as fast as possible.
+            gps: send HIL_GPS, too.
             watch: called with the simulator at every tick of 1 ms; a new flight has a new one.
             hand: the same, before the samples of the tick are taken: `HandMotion`.
 
         Raises:
             InputError: as `Simulator`.
         """
-        self._world, self._seed, self._params = world, seed, params
+        self._world, self._seed, self._gps = world, seed, gps
         self._link = link
         self._watch = watch
         self._hand = hand
-        self._period_ns = round(1e6 * params.ticks / speed) if speed > 0.0 else 0
+        self._period_ns = round(1e6 * STEP_TICKS / speed) if speed > 0.0 else 0
         self._news: deque[Notice] = deque(maxlen=_MAX_NOTICES)
         self.flights = 0
         self._reset_vehicle()
 
     def _reset_vehicle(self) -> None:
         """Put a new vehicle on the ground."""
-        self.flight = HilFlight(self._world, self._seed, self._params, self._watch, self._hand)
+        self.flight = HilFlight(self._world, self._seed, self._gps, self._watch, self._hand)
         self.motors = MotorCommands()
         self.steps = self.answered = self.boot_steps = self.missed = 0
         self.wrong_time = self.slips = 0
@@ -231,11 +228,9 @@ class HilSimulator:
             goes = "time stands still but for a step a second"
             if not self.motors.armed:
                 goes = "disarmed, so time goes on (in OFFBOARD it is silent until set points come)"
-            rate = round(self._params.rate)
-            why = "" if rate == PX4_RATE else f"; is PX4's IMU_INTEG_RATE {rate}, as hil.rate?"
             self._notify(
                 f"PX4 has not answered for {1e-9 * PATIENCE_NS:.0f} s at "
-                f"{1e-6 * self.flight.time_us:.2f} s: {goes}{why}",
+                f"{1e-6 * self.flight.time_us:.2f} s: {goes}",
                 severe=True,
             )
 

@@ -128,14 +128,8 @@ class BatteryReading:
 
 
 @dataclass(frozen=True)
-class SystemStatus:
-    """PX4's own checks, and the battery in short."""
-
-    battery: BatteryReading
-    checked: bool
-    """PX4 reports on its pre-arm checks at all."""
-    ready: bool
-    """They pass."""
+class BatterySummary(BatteryReading):
+    """The battery as SYS_STATUS has it, without its cells."""
 
 
 @dataclass(frozen=True)
@@ -146,20 +140,6 @@ class StatusText:
     severity: int
     """MAV_SEVERITY: 0 emergency .. 3 error, 4 warning, 6 info."""
     text: str
-    also_event: bool = False
-    """PX4 sends an EVENT that says the same."""
-
-
-@dataclass(frozen=True)
-class VehicleEvent:
-    """An event of PX4 (EVENT)."""
-
-    arrival_ns: int
-    number: int
-    """Component in the upper 8 bits; what it means is in PX4's file of events."""
-    severity: int
-    """MAV_SEVERITY; 7 debug, 8 part of a protocol, 9 for nobody."""
-    arguments: bytes
 
 
 @dataclass(frozen=True)
@@ -212,7 +192,3 @@ class AutopilotVersion:
     """`major.minor.patch`."""
     hardware_id: str
     """The autopilot's unique number, hexadecimal; empty: it has none."""
-
-
-class MetadataUri(str):
-    """Where PX4's general metadata are (COMPONENT_METADATA)."""

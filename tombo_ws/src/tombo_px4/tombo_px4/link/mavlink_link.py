@@ -24,7 +24,6 @@ from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.link import extra_messages  # noqa: F401  for the parser
 from tombo_px4.link.link_params import LinkParams
 
 common.MAVLINK_IGNORE_CRC = None  # pymavlink takes it from the environment
@@ -82,12 +81,11 @@ def check_key(key: bytes, what: str = "key") -> bytes:
 # --- URLs -----------------------------------------------------------------------------------
 
 _FORMS = (
-    re.compile(r"(udpin|tcpin|tcpout)://([^\s:?/]+):(\d{1,5})()"),
-    re.compile(r"(udpout)://([^\s:?/]+):(\d{1,5})(?:\?local=(\d{1,5}))?"),
-    re.compile(r"(serial)://(/[^\s:?]+):(\d{1,8})()"),
+    re.compile(r"(udpin|udpout|tcpin|tcpout)://([^\s:?/]+):(\d{1,5})"),
+    re.compile(r"(serial)://(/[^\s:?]+):(\d{1,8})"),
 )
 _ACCEPTED = (
-    "udpin://HOST:PORT, udpout://HOST:PORT[?local=PORT], tcpin://HOST:PORT, tcpout://HOST:PORT, "
+    "udpin://HOST:PORT, udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT, "
     "serial:///dev/tty…:BAUD"
 )
 _LOOPBACK = re.compile(r"127(\.\d{1,3}){3}")
@@ -105,8 +103,6 @@ class Url(NamedTuple):
     """Numeric IPv4 address, or the device of a serial port."""
     number: int
     """Port of the network, or baud rate of a serial port."""
-    local: int
-    """Port to send from (udpout); 0: any."""
 
     @property
     def address(self) -> Address:
@@ -123,14 +119,14 @@ def parse_url(text: str, allow_remote: bool) -> Url:
     found = next((form.fullmatch(text) for form in _FORMS if form.fullmatch(text)), None)
     if found is None:
         raise InputError(f"link '{text}' is no URL of a link; accepted: {_ACCEPTED}")
-    kind, place, number, local = found[1], found[2], int(found[3]), int(found[4] or 0)
+    kind, place, number = found[1], found[2], int(found[3])
     if kind == "serial":
         if number == 0 or not hasattr(termios, f"B{number}"):
             known = "those of this system, as 57600, 115200, 921600"
             raise InputError(f"link '{text}': no baud rate {number}; accepted: {known}")
-        return Url(kind, place, number, 0)
+        return Url(kind, place, number)
     lowest = 0 if kind in ("udpin", "tcpin") else 1
-    if not lowest <= number <= 65535 or local > 65535:
+    if not lowest <= number <= 65535:
         raise InputError(f"link '{text}': port out of bounds; accepted: {lowest} to 65535")
     if place == "localhost":
         place = "127.0.0.1"
@@ -141,7 +137,7 @@ def parse_url(text: str, allow_remote: bool) -> Url:
             "link.allow_remote=true)"
         )
     try:
-        return Url(kind, socket.gethostbyname(place), number, local)
+        return Url(kind, socket.gethostbyname(place), number)
     except (OSError, UnicodeError) as error:
         raise InputError(
             f"link '{text}': host '{place}' is not known; accepted: a name or an IPv4 address"
@@ -203,9 +199,6 @@ class _Udp:
             if self._listens:
                 self._socket.bind(url.address)
             else:
-                if url.local:
-                    here = "127.0.0.1" if _LOOPBACK.fullmatch(url.place) else ""
-                    self._socket.bind((here, url.local))
                 self._socket.connect(url.address)
         self.peer: Any = None if self._listens else url.address
         self.address: Address | None = self._socket.getsockname()

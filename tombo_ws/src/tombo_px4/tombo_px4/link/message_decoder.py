@@ -29,7 +29,6 @@ from tombo_px4.frames import (
 )
 from tombo_px4.link import decoded_messages as decoded
 from tombo_px4.link.decoded_messages import RefusedMessage, StatusText
-from tombo_px4.link.file_transfer import file_answer
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.timesync import TimeSync
 from tombo_px4.modes import mode_of
@@ -98,9 +97,9 @@ class StatusTextAssembler:
 
 
 def _status_text(arrival_ns: int, severity: int, text: str) -> StatusText:
-    """Return a text; PX4 ends those with a tabulator that it sends as an EVENT, too."""
+    """Return a text without control characters: PX4 ends some with a tabulator."""
     printable = "".join(c if c.isprintable() else " " for c in text).strip()
-    return StatusText(arrival_ns, severity, printable, text.endswith("\t"))
+    return StatusText(arrival_ns, severity, printable)
 
 
 _MICRO_NS, _MILLI_NS = 1_000, 1_000_000
@@ -239,26 +238,14 @@ class MessageDecoder:
     def _system(self, m: Any, arrival_ns: int) -> object:
         voltage = math.nan if m.voltage_battery == _NO_VOLTAGE else 1e-3 * m.voltage_battery
         current, left = _current(m.current_battery), _share(m.battery_remaining)
-        bit = mav.MAV_SYS_STATUS_PREARM_CHECK
-        return decoded.SystemStatus(
-            decoded.BatteryReading(arrival_ns, voltage, current, left),
-            bool(m.onboard_control_sensors_present & bit),
-            bool(m.onboard_control_sensors_health & bit),
-        )
+        return decoded.BatterySummary(arrival_ns, voltage, current, left)
 
     def _text(self, m: Any, arrival_ns: int) -> object:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
 
-    def _check_target(self, m: Any) -> None:
+    def _ack(self, m: Any, arrival_ns: int) -> object:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
             raise RefusedMessage("not_for_us")
-
-    def _file(self, m: Any, arrival_ns: int) -> object:
-        self._check_target(m)
-        return file_answer(bytes(m.payload))
-
-    def _ack(self, m: Any, arrival_ns: int) -> object:
-        self._check_target(m)
         return decoded.CommandAck(arrival_ns, int(m.command), int(m.result))
 
     def _parameter(self, m: Any, arrival_ns: int) -> object:
@@ -300,15 +287,10 @@ _READERS: dict[str, _Reader] = {
     "COMMAND_ACK": MessageDecoder._ack,
     "PARAM_VALUE": MessageDecoder._parameter,
     "AUTOPILOT_VERSION": MessageDecoder._version,
-    "FILE_TRANSFER_PROTOCOL": MessageDecoder._file,
     "ATTITUDE_TARGET": lambda _, m, t: decoded.ThrustSetpoint(t, float(*_bounded(1.0, m.thrust))),
     "EXTENDED_SYS_STATE": lambda _, m, t: decoded.MavLandedState(m.landed_state),
     "ESTIMATOR_STATUS": lambda _, m, t: _estimator(m, t),
     "TIMESYNC": lambda _, m, t: decoded.TimesyncMessage(t, int(m.tc1), int(m.ts1)),
-    "EVENT": lambda _, m, t: decoded.VehicleEvent(t, m.id, m.log_levels & 0xF, bytes(m.arguments)),
-    "COMPONENT_METADATA": lambda _, m, t: decoded.MetadataUri(
-        bytes(m.uri).split(b"\0")[0].decode("ascii", "replace")
-    ),
 }
 """Message → its record, from the message and its arrival."""
 

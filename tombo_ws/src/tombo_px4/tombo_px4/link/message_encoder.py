@@ -12,16 +12,8 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.frames import (
-    euler,
-    frd_from_flu,
-    ned_from_enu,
-    px4_pose_covariance,
-    px4_quaternion,
-    px4_yaw,
-)
+from tombo_px4.frames import frd_from_flu, ned_from_enu, px4_quaternion, px4_yaw
 from tombo_px4.link.decoded_messages import FORCE_ARMING
-from tombo_px4.link.link_params import GROUND_STATION, MOCAP, ODOMETRY, ONBOARD, VISION
 from tombo_px4.modes import Mode
 
 POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
@@ -46,40 +38,23 @@ class MessageTarget(NamedTuple):
     component: int
 
 
-def pose_message(
-    kind: str, stamp_ns: int, position: Array, attitude: Array, covariance: Array | None
-) -> Any:
-    """Return a pose as PX4 wants it from outside.
+def pose_message(stamp_ns: int, position: Array, attitude: Array) -> Any:
+    """Return a pose of the motion capture as the ODOMETRY that PX4 fuses.
 
     Args:
-        kind: `odometry`, `vision` or `mocap`; EKF2 does not fuse the last.
         stamp_ns: capture, of the clock that answers TIMESYNC.
         position: (3) of base_link in map [m].
         attitude: (4) xyzw, map from base_link.
-        covariance: (6, 6) in axes of map; None: unknown.
     """
-    north, east, down = (float(p) for p in ned_from_enu(position))
     q = px4_quaternion(attitude / np.linalg.norm(attitude))  # else PX4 drops it, silently
-    upper = unknown(21) if covariance is None else px4_pose_covariance(covariance).tolist()
-    stamp = stamp_ns // _MICRO
-    if kind == VISION:
-        roll, pitch, yaw = euler(q.tolist())
-        return mav.MAVLink_vision_position_estimate_message(
-            stamp, north, east, down, roll, pitch, yaw, upper, 0
-        )
-    if kind == MOCAP:
-        return mav.MAVLink_att_pos_mocap_message(stamp, q.tolist(), north, east, down, upper)
-    assert kind == ODOMETRY
     return mav.MAVLink_odometry_message(
-        stamp,
+        stamp_ns // _MICRO,
         mav.MAV_FRAME_LOCAL_NED,
         mav.MAV_FRAME_BODY_FRD,
-        north,
-        east,
-        down,
+        *ned_from_enu(position).tolist(),
         q.tolist(),
         *(6 * [_NAN]),
-        upper,
+        unknown(21),
         unknown(21),
         0,
         mav.MAV_ESTIMATOR_TYPE_VISION,
@@ -131,10 +106,9 @@ def throttle_of(thrust: float, mass: float, hover_thrust: float) -> float:
     return min(max(thrust / (mass * GRAVITY) * hover_thrust, 0.0), 1.0)
 
 
-def heartbeat(kind: str) -> Any:
-    """Return our HEARTBEAT: of an on-board computer, or of a ground station (`HEARTBEATS`)."""
-    types = {ONBOARD: mav.MAV_TYPE_ONBOARD_CONTROLLER, GROUND_STATION: mav.MAV_TYPE_GCS}
-    content = (types[kind], mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
+def heartbeat() -> Any:
+    """Return our HEARTBEAT, that of a ground station: PX4 sends its texts to those alone."""
+    content = (mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
     return mav.MAVLink_heartbeat_message(*content)
 
 
@@ -174,7 +148,7 @@ def request_message(to: MessageTarget, number: int) -> Any:
 
 
 def run_checks(to: MessageTarget) -> Any:
-    """Ask for all failed checks of arming, as events."""
+    """Ask for all failed checks of arming, as texts."""
     return command(to, mav.MAV_CMD_RUN_PREARM_CHECKS)
 
 

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 _MOST_TICKS = 25
 """Ticks that one call flies; the caller comes back for the rest."""
-_CHECKED_US = 2_000_000
-"""The checks of arming are reported at most so often, and only where they have changed."""
 _MOST_MESSAGES = 100
 """Messages of a link that one call takes; the rest waits its turn."""
 _METADATA = (395, 396, 397)
@@ -77,7 +75,6 @@ class Endpoint:
         self._ids = tuple(
             int(vehicle.parameters.get(f"MAV_{name}_ID")) for name in ("SYS", "COMP")
         )
-        self._checked_us = 0
         # By type: what answers, and whether a message for another vehicle is left to it.
         self._handlers: dict[str, tuple[Callable[[RoutedMessage], None], bool]] = {
             "HEARTBEAT": (self._heartbeat, False),
@@ -147,12 +144,8 @@ class Endpoint:
 
     def _report_changes(self) -> None:
         """Send the vehicle's texts. A new mode waits for the next HEARTBEAT, as in PX4."""
-        vehicle = self.vehicle
-        for severity, text in vehicle.take_status_texts():
+        for severity, text in self.vehicle.take_status_texts():
             self.say(severity, text)
-        if not vehicle.armed and vehicle.boot_us - self._checked_us >= _CHECKED_US:
-            self._checked_us = vehicle.boot_us
-            self.announcer.report_checks(vehicle.health.problems, vehicle.boot_us)
 
     # --- what comes in
 
@@ -222,12 +215,10 @@ class Endpoint:
         return Result.ACCEPTED
 
     def _run_checks(self) -> Result:
-        problems = self.vehicle.health.problems
         if self.vehicle.armed:
             return Result.TEMPORARILY_REJECTED
-        self.announcer.report_checks(problems, self.vehicle.boot_us, asked=True)
-        for problem in problems:
-            self.say(Severity.INFO, f"Preflight Fail: {problem}")
+        for problem in self.vehicle.health.problems:
+            self.say(Severity.CRITICAL, f"Preflight Fail: {problem}")
         return Result.ACCEPTED
 
     def _mission_count(self, routed: RoutedMessage) -> None:

@@ -10,7 +10,6 @@ import typer
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
-from tombo_px4.hil.params import HilParams
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.tables import Scroll
@@ -36,7 +35,6 @@ class _Hil:
 def hil(
     scene: options.Scene,
     given: _Hil,
-    messages: HilParams,
     settings: options.Settings,
     draw: options.Draw,
     pace: options.Pace,
@@ -56,13 +54,12 @@ def hil(
     speed, seed = 1.0 if pace.speed is None else pace.speed, draw.seed or 0
     if not 0.0 <= speed <= 100.0:
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
-    params = messages.check()
     scenario = scene.scenario
     world = world_of(load_scenario(scenario, settings.settings or []))
     link = HilLink(given.port)
     try:
         with StopSignals(signal.SIGHUP) as stop:
-            one = HilSimulator(world, seed, params, link, speed=speed)
+            one = HilSimulator(world, seed, link, speed=speed)
             print(_introduction(one, world, link.port, scenario, seed), flush=True)
             _serve(one, stop, duration.duration)
     finally:
