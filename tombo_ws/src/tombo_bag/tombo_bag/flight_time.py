@@ -1,4 +1,4 @@
-"""Time base and metadata record of a recorded flight."""
+"""Time base and metadata records of a recorded flight."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
 
 FLIGHT_METADATA = "tombo_flight"
 """Metadata record with the scenario, the events and the epoch of a flight."""
+RECORDER_METADATA = "tombo_recorder"
+"""Metadata record with what the recorder counted: messages and losses."""
 
 
 def nanoseconds(times_s: Any) -> NDArray[np.int64]:

@@ -18,13 +18,8 @@ from tombo_bag.columns import ColumnTable, TopicColumns, columns_of
 from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.chunks import MAGIC
 from tombo_bag.formats.reader import Bag
-from tombo_bag.formats.rosbags_files import (
-    ROS1_MAGIC,
-    SQLITE_MAGIC,
-    Ros1Reader,
-    RosbagsFile,
-    SqliteReader,
-)
+from tombo_bag.formats.ros1_files import ROS1_MAGIC, Ros1File
+from tombo_bag.formats.sqlite_files import SQLITE_MAGIC, SqliteFile
 from tombo_bag.formats.unpacking import Allowance, unpack, unpack_file
 from tombo_bag.rigid_bodies import bodies_in
 from tombo_bag.schemas import Types
@@ -33,7 +28,7 @@ from tombo_dynamics.yaml_text import read_yaml
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag")
-"""What files of a recording end in; a folder without `metadata.yaml` is searched for them."""
+"""Endings of the files of a recording; a folder is searched for them."""
 
 
 class Recording:
@@ -246,41 +241,23 @@ class Recording:
             return []
 
     def _files_of_folder(self) -> list[Path]:
+        """Return all recordings in the folder; note those that `metadata.yaml` misses."""
         there = sorted(p for p in self.path.iterdir() if p.name.endswith(SUFFIXES))
         described = self.path / "metadata.yaml"
-        listed = self._listed(described) if described.is_file() else None
-        if listed is None:
-            # one MCAP file alone, as of a flight of the suite, says itself whether it was closed
-            kinds = [path.suffix for path in there]
-            if not described.is_file() and kinds != [".mcap"] and set(kinds) - {".bag"}:
-                self._note("no metadata.yaml: the recorder was not closed")
-            return there
-        files = []
-        for name in listed:
-            plain = name.removesuffix(".zstd")
-            paths = (self.path / same for same in (name, plain, f"{plain}.zstd"))
-            path = next((path for path in paths if path.is_file()), None)
-            if path is not None:
-                files.append(path)
-            if path is None or path.name != name:
-                instead = "" if path is None else f"; {path.name} is read"
-                self._note(f"{name}, which metadata.yaml names, is missing{instead}")
-        if not files:
-            return there
-        for path in there:
-            if path not in files:
-                self._note(f"{path.name} is not named in metadata.yaml and is left out")
-        return files
+        if described.is_file():
+            for name in self._listed(described) - {path.name for path in there}:
+                self._note(f"{name}, which metadata.yaml names, is missing")
+        return there
 
-    def _listed(self, described: Path) -> list[str] | None:
-        """Return the names of files in `metadata.yaml`; None if it can't be read."""
+    def _listed(self, described: Path) -> set[str]:
+        """Return the names of files in `metadata.yaml`."""
         try:
             content = read_yaml(described, described.name)
             names = content["rosbag2_bagfile_information"]["relative_file_paths"]
-            return [Path(str(name)).name for name in names]
+            return {Path(str(name)).name for name in names}
         except (InputError, TypeError, LookupError):
-            self._note("metadata.yaml can't be read: all files of the folder are taken")
-            return None
+            self._note("metadata.yaml can't be read")
+            return set()
 
     def _open(self, path: Path) -> BagFile:
         try:
@@ -309,7 +286,7 @@ class Recording:
         if self._unpacked is None:
             self._unpacked = tempfile.TemporaryDirectory(prefix="tombo-")
         target = Path(self._unpacked.name) / path.name.removesuffix(".zstd")
-        allowance = Allowance(path, path.stat().st_size)
+        allowance = Allowance(path)
         with path.open("rb") as source, target.open("wb") as out:
             wrong = unpack_file(source, out, allowance)
         if wrong:
@@ -327,8 +304,8 @@ class Recording:
 
 _KINDS: dict[bytes, Callable[[Path], BagFile]] = {
     MAGIC: Bag,
-    SQLITE_MAGIC: lambda path: RosbagsFile(path, SqliteReader),
-    ROS1_MAGIC: lambda path: RosbagsFile(path, Ros1Reader),
+    SQLITE_MAGIC: SqliteFile,
+    ROS1_MAGIC: Ros1File,
 }
 
 
@@ -336,7 +313,7 @@ def _plain(raw: RawMessages, path: Path) -> RawMessages:
     """Unpack messages that rosbag2 compressed one by one; CDR itself never starts like zstd."""
     if not raw.messages[0].startswith(ZSTD_MAGIC):
         return raw
-    allowance = Allowance(path, sum(map(len, raw.messages)))
+    allowance = Allowance(path)
     messages = [_unpacked(message, allowance) for message in raw.messages]
     return RawMessages(raw.log_times_ns, raw.publish_times_ns, messages)
 

@@ -44,7 +44,6 @@ class Bag(BagFile):
         contents = _contents(self.path)
         self._map = walk(contents)
         self.damage: list[str] = self._map.damage
-        self._size = len(contents)
         unannounced = not self._map.finished or not self._map.channels
         for place in self._map.chunks:
             if place.offset and (check or unannounced or place.index is None):
@@ -61,7 +60,7 @@ class Bag(BagFile):
         topic_of = {number: topic for topic in here for number in self._numbers[topic]}
         heads: dict[str, list[NDArray[np.void]]] = {topic: [] for topic in here}
         messages: dict[str, list[bytes]] = {topic: [] for topic in here}
-        allowance = Allowance(self.path, self._size)
+        allowance = Allowance(self.path)
         for number, head, part in self._pieces(tuple(topic_of)):
             allowance.take(int(head["length"].sum()))
             heads[topic_of[number]].append(head)
@@ -139,7 +138,7 @@ class Bag(BagFile):
 
     def _open(self, place: ChunkPlace) -> bytes | memoryview:
         try:
-            return open_chunk(place, Allowance(self.path, self._size).left)
+            return open_chunk(place, Allowance(self.path).left)
         except ValueError as error:
             place.index = {}
             if str(error) not in self.damage:

@@ -1,7 +1,6 @@
-"""Unpack what a file holds compressed, within a limit on its size.
+"""Unpack compressed files and chunks, within a limit on their size.
 
-The limit is the user's, else what the machine's memory allows and, of a file, a multiple of its
-own size.
+The limit is the user's, else a share of the machine's memory.
 """
 
 from __future__ import annotations
@@ -23,10 +22,6 @@ GIGABYTE = 1e9
 GZIP_MAGIC = b"\x1f\x8b"
 _SHARE = 0.25
 """Of the machine's memory, which messages as bytes and again as columns have to share."""
-_PLAIN = 1 << 25
-"""Bytes to which any file may be unpacked."""
-_RATIO = 100
-"""To how many times its size a file may be unpacked; flights pack to a half or a tenth."""
 _PIECE = 1 << 20
 _GIVEN: ContextVar[int | None] = ContextVar("unpacking limit", default=None)
 
@@ -52,13 +47,11 @@ def memory_limit() -> int:
 
 
 class Allowance:
-    """Bytes that a file may still be unpacked to: by the memory, and by its `packed` size."""
+    """Bytes that a file may still be unpacked to."""
 
-    def __init__(self, path: Path, packed: int | None = None) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.left = memory_limit()
-        if packed is not None and _GIVEN.get() is None:
-            self.left = min(self.left, max(_PLAIN, _RATIO * packed))
 
     def take(self, size: int) -> None:
         """Count some bytes.
@@ -68,12 +61,10 @@ class Allowance:
         """
         self.left -= size
         if self.left < 0:
-            given = _GIVEN.get()
-            why = f"{_RATIO} times its size or {memory_limit() / GIGABYTE:.3g} GB; more with"
-            accepted = f"{why} --unpack-limit" if given is None else (
-                f"up to {given / GIGABYTE:.3g} GB, as --unpack-limit says"
-            )  # fmt: skip
-            raise InputError(f"'{self.path}' unpacks to too much; accepted: {accepted}")
+            raise InputError(
+                f"'{self.path}' unpacks to more than {memory_limit() / GIGABYTE:.3g} GB; "
+                "accepted: more with --unpack-limit"
+            )
 
 
 def unpack(how: str, data: Any, size: int) -> Any:

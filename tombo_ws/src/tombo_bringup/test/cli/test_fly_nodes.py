@@ -11,9 +11,9 @@ import pytest
 from suite_bench import FAKES, names
 
 from tombo_bag.columnar_cdr import encode
+from tombo_bag.flight_time import RECORDER_METADATA
 from tombo_bag.flight_topics import write_flight
 from tombo_bag.formats.mcap_sink import Columns, McapSink
-from tombo_bag.formats.rolling_sink import NOTES
 from tombo_bag.recording import Recording
 from tombo_bringup.cli.flight.node_tables import print_verdict
 from tombo_dynamics.time_base import SECOND_NS
@@ -67,7 +67,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with McapSink(path) as sink:
         write_flight(sink, fly_scenario(load_scenario("hover", ["duration=3"]), 0))
         sink.add_metadata(
-            NOTES,
+            RECORDER_METADATA,
             {"messages": "12345", "lost": "6", "lost:/imu/data_raw": "6", "lost:/setpoint": "0"},
         )
         channel = sink.add_channel("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")

@@ -512,8 +512,7 @@ class Unpacking:
 
     unpack_limit: float | None = option(
         "--unpack-limit GB",
-        "Unpack a compressed file to this size at most. Default: 100 times the size of the file, "
-        "and a quarter of the machine's memory.",
+        "Unpack a compressed file to at most this size; default: a quarter of the memory.",
         accepted="a number of gigabytes",
         check=_let_unpack,
     )

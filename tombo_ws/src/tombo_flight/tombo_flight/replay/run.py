@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tombo_bag.formats.rolling_sink import NOTES as RECORDER_NOTES
+from tombo_bag.flight_time import RECORDER_METADATA
 from tombo_bag.recording import Recording
 from tombo_bag.topics import COLLISION_EVENT, MOCAP_POSE, TOPICS, TRUE_CONTACT
 from tombo_dynamics.errors import InputError, unknown_name
@@ -197,7 +197,7 @@ def _check_statistic(inputs: Inputs, recorded: OutputSeries, result: Replay) -> 
 
 def _losses(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
     """Return the losses that the recorder has reported."""
-    lost = metadata.get(RECORDER_NOTES, {}).get("lost", "0")
+    lost = metadata.get(RECORDER_METADATA, {}).get("lost", "0")
     if not lost.isdecimal() or int(lost) == 0:
         return []
     return [f"the recorder lost {lost} messages: nodes that got them are replayed without"]

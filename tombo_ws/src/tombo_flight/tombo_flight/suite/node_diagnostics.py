@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from tombo_bag.formats.rolling_sink import NOTES
+from tombo_bag.flight_time import RECORDER_METADATA
 from tombo_bag.recording import Recording
 from tombo_bag.schemas import type_store
 from tombo_bag.topics import DIAGNOSTICS
@@ -156,7 +156,7 @@ def node_metrics(recording: Recording) -> dict[str, Any]:
     """
     node_diagnostics = recorded_diagnostics(recording)
     loops = dict(_loops(node_diagnostics))
-    notes = recording.metadata.get(NOTES, {})
+    notes = recording.metadata.get(RECORDER_METADATA, {})
     sim = node_diagnostics.nodes["sim"].values if "sim" in node_diagnostics.nodes else {}
     return {
         "loops": {

@@ -76,32 +76,3 @@ def px4():
         "battery_status.current_a": 9.0 + 0.0 * T,
     }
     return rows(columns, keep={"vehicle_local_position": 2, "battery_status": 10})
-
-
-def euroc():
-    """EuRoC's columns: a header behind #, ns, wxyz, a body with x up."""
-    ours_from_theirs = np.array([[0, 0, 1], [0, -1, 0], [1, 0, 0.0]])
-    turn = Rotation.from_matrix(TURN.as_matrix() @ ours_from_theirs)
-    x, y, z, w = turn.as_quat().T
-    return rows({
-        "#timestamp [ns]": np.round(1e9 * T) + 1.4e18,
-        **named([f"p_RS_R_{a} [m]" for a in "xyz"], P),
-        "q_RS_w []": w, "q_RS_x []": x, "q_RS_y []": y, "q_RS_z []": z,
-        **named([f"v_RS_R_{a} [m s^-1]" for a in "xyz"], 0.0 * P),
-        **named([f"b_w_RS_S_{a} [rad s^-1]" for a in "xyz"], 0.01 + 0.0 * P),
-        **named([f"w_RS_S_{a} [rad s^-1]" for a in "xyz"], GYRO @ ours_from_theirs),
-        **named([f"a_RS_S_{a} [m s^-2]" for a in "xyz"], ACCEL @ ours_from_theirs),
-    })  # fmt: skip
-
-
-def motive():
-    """A motion capture with y up, in mm, parted by semicolons, with decimal commas."""
-    up = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])
-    turn = Rotation.from_matrix(up.T @ TURN.as_matrix() @ up)
-    text = rows({
-        "Time (Seconds)": T,
-        **named(["Quad:X", "Quad:Y", "Quad:Z"], 1000.0 * P @ up),
-        **named(["Quad:qX", "Quad:qY", "Quad:qZ", "Quad:qW"], turn.as_quat()),
-        **named([f"throttle{i}" for i in range(1, 5)], np.round(1000.0 + 1000.0 * SHARE)),
-    }, delimiter=";")  # fmt: skip
-    return "\ufeff" + text.replace(".", ",")

@@ -1,4 +1,4 @@
-"""`--explain-mapping`: a log in, the text of a mapping file out, tried on the log itself."""
+"""`--explain-mapping`: the text of a mapping file for a log, and the findings of the checks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from tombo_bag.flight import Airframe
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import findings_of
 from tombo_logs.proposal.propose import Line, Proposal, propose
-from tombo_logs.readers.csv_mapping import LogMapping, parse_mapping, shipped
+from tombo_logs.readers.csv_log import fitting_mappings
+from tombo_logs.readers.csv_mapping import LogMapping, parse_mapping, shipped, shipped_text
 from tombo_logs.readers.csv_table import CsvTable, open_table
 from tombo_logs.readers.log_reader import kind_of, read_log
 
@@ -40,6 +41,9 @@ def explain_mapping(path: Path) -> str:
         table = open_table(path)
         if table.mapping:
             return f"# An export of motion-capture software, read as this says.\n{table.mapping}\n"
+        if fitting := fitting_mappings(table):
+            name = fitting[0].name
+            return f"# Needs no mapping file: the shipped one fits.\n{shipped_text(name)}"
         proposal = _of_table(table)
     airframe = shipped()["nanobench"].airframe if proposal.is_crazyflie else None
     mapping = parse_mapping(_text(proposal, path.name, [], airframe), "proposed")

@@ -1,20 +1,21 @@
-"""A mapping for columns of numbers: from names, units and two tests of motion, with reasons."""
+"""Proposes a mapping for the columns of a table, by their names, units and sizes.
+
+Axes are assumed. The checks of the log compare them with the motion, and say which are wrong.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tombo_bag.channels import CHANNELS
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.spans import interpolated
-from tombo_logs.proposal.motion import AGREES, BODY_AXES, CLOSE, WORLD_AXES, Reading, readings
 from tombo_logs.proposal.names import Candidate, candidates, grouped, is_estimate, is_speed
 from tombo_logs.readers.units import UNITS
 
@@ -29,6 +30,8 @@ _LARGEST: Final = 1e9
 _USUAL_STEP_S: Final = 0.01
 _FASTEST: Final = 40.0
 """m/s: no vehicle flies faster under motion capture for most of a flight."""
+_FASTEST_TURN: Final = 15.0
+"""rad/s that a gyro hardly ever exceeds; in deg/s a flight does so all the time."""
 
 
 class Line(NamedTuple):
@@ -38,15 +41,6 @@ class Line(NamedTuple):
     content: Mapping[str, object]
     why: str
     doubt: str = ""
-
-
-class Form(NamedTuple):
-    """One way to read the columns of an attitude."""
-
-    content: Mapping[str, object]
-    series: Series
-    """(N, 4) xyzw."""
-    why: str
 
 
 @dataclass
@@ -76,29 +70,18 @@ def propose(columns: Mapping[str, Array]) -> Proposal:
         role: [(c, s) for c in candidates(role, groups) if (s := _series(columns, t, c))]
         for role in ("position", "quaternion", "angles", "gyro", "accel", "rotors", *_SUPPLY)
     }
-    position, gyro = usable["position"], usable["gyro"]
-    forms = _attitude_forms(usable["quaternion"], usable["angles"], proposal)
-    accel = _accelerometer(usable["accel"], proposal)
-    allowed: list[Reading] = []
-    if position and forms:
-        place, track = position[0]
-        track = Series(track.t, track.values * UNITS["m"][place.group.unit or "m"])
-        spoken = {name: form.series for name, form in forms.items()}
-        allowed = readings(track, spoken, gyro[0][1] if gyro else None, accel)
-        if not allowed:
-            proposal.notes.append("no reading of position and attitude agrees with gravity")
-    best = allowed[0] if allowed else None
-    proposal.axes += _axes(allowed)
-    if position:
-        proposal.channels.append(_position(position, best))
+    doubt = "" if proposal.is_crazyflie else "assumed; the checks compare it with the motion"
+    proposal.axes += [
+        Line("world", {"": "ENU"}, "x, y, z of the file are east, north, up", doubt),
+        Line("body", {"": "FLU"}, "x, y, z of the vehicle are forward, left, up", doubt),
+    ]
+    if usable["position"]:
+        proposal.channels.append(_position(usable["position"]))
     else:
         proposal.notes.append("no columns of a position (x, y, z): needed for a diagnosis")
-    if forms:
-        form = forms[best.form if best else next(iter(forms))]
-        doubt = _doubt(allowed, lambda r: r.form) if len(forms) > 1 else ""
-        proposal.channels.append(Line("attitude", form.content, form.why, doubt))
-    if gyro:
-        proposal.channels.append(_gyro(*gyro[0], best))
+    _attitude(usable["quaternion"], usable["angles"], proposal)
+    proposal.channels += [_gyro(*found) for found in usable["gyro"][:1]]
+    _accelerometer(usable["accel"], proposal)
     _rotors(usable["rotors"], proposal)
     for key in _SUPPLY:
         proposal.channels += [_supply(key, *found) for found in usable[key][:1]]
@@ -146,44 +129,40 @@ def _time(
     return None
 
 
-def _attitude_forms(quaternions: Usable, angles: Usable, proposal: Proposal) -> dict[str, Form]:
-    """Return the forms in which the best columns of an attitude may be read."""
+def _attitude(quaternions: Usable, angles: Usable, proposal: Proposal) -> None:
+    """Propose the first columns that are unit quaternions, else roll, pitch and yaw."""
     for candidate, series in quaternions:
-        content: dict[str, object] = {"columns": list(candidate.columns)}
         share = float(np.mean(np.abs(np.linalg.norm(series.values, axis=1) - 1.0) < 0.02))
         if share < 0.95:
             continue
-        why = f"norm 1 within 2 % in {100.0 * share:.0f} % of the rows"
-        as_named = Form({**content, "order": "xyzw"}, series, why)
-        if "w" in candidate.group.columns:
-            return {"xyzw": as_named}
-        turned = Series(series.t, series.values[:, [1, 2, 3, 0]])
-        why += "; order by the motion"
-        return {"wxyz": Form({**content, "order": "wxyz"}, turned, why), "xyzw": as_named}
+        why, order, doubt = f"norm 1 within 2 % in {100.0 * share:.0f} % of the rows", "xyzw", ""
+        if "w" not in candidate.group.columns:
+            first, *_, last = np.median(np.abs(series.values), axis=0)
+            order = "wxyz" if first > last else "xyzw"
+            doubt = "wxyz or xyzw? w is near 1 in a flight with heading 0"
+        content = {"columns": list(candidate.columns), "order": order}
+        proposal.channels.append(Line("attitude", content, why, doubt))
+        return
     for candidate, series in angles[:1]:
-        columns, named = candidate.columns, candidate.group.unit
         lacking = sorted({"roll", "pitch", "yaw"} - candidate.group.columns.keys())
         if lacking:
+            text = f"{', '.join(candidate.columns)}: {' and '.join(lacking)} not there"
+            proposal.notes.append(text)
             break
+        roll, pitch, yaw = candidate.columns
+        # the Crazyflie's firmware counts it upwards
+        pitch = "-" * ("stabilizer" in candidate.group.words) + pitch
+        unit, doubt = candidate.group.unit, ""
         high = float(np.nanpercentile(np.abs(series.values), 99.5))
-        forms = {}
-        for unit in [named] if named in UNITS["rad"] else ["rad", "deg"][high > 6.4 :]:
-            for sign in (1.0, -1.0):
-                roll, pitch, yaw = (series.values * UNITS["rad"][unit]).T
-                turn = Rotation.from_euler("ZYX", np.column_stack([yaw, sign * pitch, roll]))
-                names = [columns[0], "-" * (sign < 0.0) + columns[1], columns[2]]
-                content = {"columns": names, "order": "rpy", "unit": unit}
-                why = f"values up to {high:.3g}; unit and the sign of pitch by the motion"
-                form = Form(content, Series(series.t, turn.as_quat()), why)
-                forms[f"{unit} {sign:+.0f}"] = form
-        return forms
-    seen = [f"{', '.join(c.columns)}: {' and '.join(lacking)} not there" for c, _ in angles[:1]]
-    needed = "an attitude needs roll, pitch and yaw, or a quaternion"
-    proposal.notes.append("; ".join([*seen, needed]))
-    return {}
+        if unit not in UNITS["rad"]:
+            unit, doubt = ("deg", "") if high > 2.0 * np.pi else ("rad", "or degrees?")
+        content = {"columns": [roll, pitch, yaw], "order": "rpy", "unit": unit}
+        proposal.channels.append(Line("attitude", content, f"values up to {high:.3g}", doubt))
+        return
+    proposal.notes.append("an attitude needs roll, pitch and yaw, or a quaternion")
 
 
-def _accelerometer(usable: Usable, proposal: Proposal) -> Series | None:
+def _accelerometer(usable: Usable, proposal: Proposal) -> None:
     """Propose the first columns that have gravity in them."""
     for candidate, series in usable:
         columns, named = candidate.columns, candidate.group.unit
@@ -195,51 +174,20 @@ def _accelerometer(usable: Usable, proposal: Proposal) -> Series | None:
             content = {"columns": list(columns), "unit": unit}
             why = f"median size {size:.4g}: gravity in {unit}"
             proposal.channels.append(Line("accel", content, why, doubt))
-            return series
+            return
         text = f"{', '.join(columns)}: median size {size:.3g}, so gravity is not in it"
         proposal.notes.append(f"{text}; an estimator's acceleration is channel acceleration")
-    return None
 
 
-def _axes(allowed: Sequence[Reading]) -> list[Line]:
-    """Return the axes of world and body that the motion tells, else the usual ones."""
-    why, world, body = "the motion does not tell: ENU and FLU are assumed", "ENU", "FLU"
-    doubt = _doubt(allowed, lambda r: f"{r.world} with {r.body}")
-    if allowed:
-        best, world, body = allowed[0], allowed[0].world, allowed[0].body
-        tests = {"tilt with acceleration": best.tilt, "the gyro with the attitude": best.rates}
-        agree = [f"{name} ({value:.2f} of 1)" for name, value in tests.items() if value == value]
-        why = f"the motion agrees: {', '.join(agree)}" if agree else "gravity alone"
-    if not body.isupper():
-        doubt = "of the body only up is known; which axis is forward is a guess"
-    return [
-        Line(key, {"": name if name.isupper() else list(known[name])}, why, doubt)
-        for key, name, known in (("world", world, WORLD_AXES), ("body", body, BODY_AXES))
-    ]
-
-
-def _doubt(allowed: Sequence[Reading], part: Callable[[Reading], str]) -> str:
-    """Return what else of a part of the readings the motion agrees with nearly as well."""
-    if not allowed or not allowed[0].score > AGREES:
-        return "the motion agrees badly, so this is a guess: fly with more tilt"
-    near = [part(r) for r in allowed if r.score > allowed[0].score - CLOSE]
-    others = list(dict.fromkeys(x for x in near if x != part(allowed[0])))
-    return f"{' or '.join(others[:3])} would agree as well with the motion" if others else ""
-
-
-def _position(usable: Usable, best: Reading | None) -> Line:
+def _position(usable: Usable) -> Line:
     candidate, series = usable[0]
     unit, why = candidate.group.unit, "as named"
     if not unit:
         seconds = np.arange(series.t[0], series.t[-1] + 1.0)
         places = interpolated(seconds, series.t, series.values)
         speed = float(np.median(np.linalg.norm(np.diff(places, axis=0), axis=1)))
-        unit, why = "m", f"it moves by {speed:.3g} a second"
-        if best is not None and best.tilt > AGREES and best.slope > 0.0:
-            unit = _nearest("m", ("m", "cm", "mm"), 1.0 / best.slope)
-            why += f"; tilt asks for {best.slope:.3g} times its acceleration"
-        elif speed > _FASTEST or not np.any(series.values % 1.0):
-            unit, why = "mm", f"{why}: too fast for metres, or whole numbers"
+        unit = "mm" if speed > _FASTEST or not np.any(series.values % 1.0) else "m"
+        why = f"it moves by {speed:.3g} a second"
     if len(usable) > 1:
         why += f"; there is also {', '.join(c.columns[0] for c, _ in usable[1:4])}"
     estimate = "an estimate of the vehicle, no motion capture: smoothed with its IMU"
@@ -247,19 +195,12 @@ def _position(usable: Usable, best: Reading | None) -> Line:
     return Line("position", {"columns": list(candidate.columns), "unit": unit}, why, doubt)
 
 
-def _gyro(candidate: Candidate, series: Series, best: Reading | None) -> Line:
-    named = {"rad": "rad/s", "deg": "deg/s"}.get(candidate.group.unit, candidate.group.unit)
-    if best is not None and np.isfinite(best.rates):
-        unit = _nearest("rad/s", ("rad/s", "deg/s", "mrad/s"), best.gyro_scale)
-        why = f"{best.gyro_scale:.3g} times the rates of the attitude"
-        doubt = f"the name says {named}" if named not in ("", unit) else ""
-        if best.rates < AGREES or not 0.7 < best.gyro_scale * UNITS["rad/s"][unit] < 1.4:
-            doubt = f"agrees badly with the rates of the attitude ({best.rates:.2f})"
-    else:
-        high = float(np.percentile(np.abs(series.values), 99))
-        unit = named if named in UNITS["rad/s"] else "deg/s" if high > 15.0 else "rad/s"
-        why = f"99 % of the values are below {high:.3g}"
-        doubt = "" if unit == named else "too little motion to tell the unit"
+def _gyro(candidate: Candidate, series: Series) -> Line:
+    unit = {"rad": "rad/s", "deg": "deg/s"}.get(candidate.group.unit, candidate.group.unit)
+    high, doubt = float(np.percentile(np.abs(series.values), 99)), ""
+    if unit not in UNITS["rad/s"]:
+        unit, doubt = "deg/s" if high > _FASTEST_TURN else "rad/s", "the unit is a guess"
+    why = f"99 % of the values are below {high:.3g}"
     return Line("gyro", {"columns": list(candidate.columns), "unit": unit}, why, doubt)
 
 

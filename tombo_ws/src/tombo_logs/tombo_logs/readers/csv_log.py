@@ -103,24 +103,29 @@ def _spelled_as(mapping: LogMapping, there: Collection[str]) -> LogMapping:
     return replace(mapping, channels=channels)
 
 
-def _recognised(table: CsvTable) -> LogMapping:
-    if table.mapping:
-        return parse_mapping(table.mapping, "export")
-    there, known = set(table.columns), shipped()
-    fitting = [
+def fitting_mappings(table: CsvTable) -> list[LogMapping]:
+    """Return the shipped mappings whose columns a table has."""
+    there = set(table.columns)
+    return [
         mapping
-        for mapping in known.values()
+        for mapping in shipped().values()
         if all(
             set(_columns(mapping.channels[key], mapping, there)) <= there
             for key in (_POSE if "position" in mapping.channels else _INERTIAL)
         )
     ]
+
+
+def _recognised(table: CsvTable) -> LogMapping:
+    if table.mapping:
+        return parse_mapping(table.mapping, "export")
+    fitting = fitting_mappings(table)
     if len(fitting) == 1:
         return fitting[0]
     names = ", ".join(table.columns[:60]) + (" …" if len(table.columns) > 60 else "")
     raise InputError(
-        f"'{table.path}': no mapping given, and none of those shipped ({', '.join(known)}) fits "
-        f"its columns ({names}); write one as in docs/logs.md and give it with --mapping"
+        f"'{table.path}': no mapping given, and none of those shipped ({', '.join(shipped())}) "
+        f"fits its columns ({names}); write one as in docs/logs.md and give it with --mapping"
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,12 @@ class LogMapping:
 def shipped() -> dict[str, LogMapping]:
     """Return the mappings that come with the package, by name."""
     return shipped_mappings("tombo_logs", "readers/mappings", parse_mapping)
+
+
+def shipped_text(name: str) -> str:
+    """Return the text of a mapping that comes with the package."""
+    file = resources.files("tombo_logs").joinpath(f"readers/mappings/{name}.yaml")
+    return file.read_text(encoding="utf-8")
 
 
 def load_mapping(name: str | Path) -> LogMapping:

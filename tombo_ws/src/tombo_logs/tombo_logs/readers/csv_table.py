@@ -128,7 +128,7 @@ def open_table(path: Path) -> CsvTable:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
     damage: tuple[str, ...] = ()
     if raw.startswith(GZIP_MAGIC):
-        raw, wrong = ungzip(raw, Allowance(path, len(raw)))
+        raw, wrong = ungzip(raw, Allowance(path))
         if wrong and not raw:
             raise InputError(f"'{path}' can't be unpacked: {wrong}")
         damage = (wrong,) if wrong else ()

@@ -11,7 +11,7 @@ import numpy as np
 
 from tombo_bag.flight import Flight
 from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
-from tombo_bag.formats.rosbags_files import SQLITE_MAGIC
+from tombo_bag.formats.sqlite_files import SQLITE_MAGIC
 from tombo_bag.formats.unpacking import GZIP_MAGIC
 from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
 from tombo_dynamics.errors import InputError
