@@ -51,11 +51,11 @@ class Oscillation:
 
 def oscillation(s: ControlSignals) -> Oscillation | None:
     """Return the strongest swing of roll and pitch that no course asks for, if there is one."""
-    if s.rates is None or np.count_nonzero(s.usable) * s.step < _WINDOW_S:
+    if not s.gyro.size or np.count_nonzero(s.valid) * s.step < _WINDOW_S:
         return None
-    rows = s.usable & np.isfinite(s.rates).all(axis=1)
+    rows = s.valid & np.isfinite(s.gyro).all(axis=1)
     turned, needed = (
-        [_peak(values[rows, k], s.step) for k in (0, 1)] for values in (s.rates, course_rates(s))
+        [_peak(values[rows, k], s.step) for k in (0, 1)] for values in (s.gyro, course_rates(s))
     )
     if math.hypot(*(size for _, size in turned)) < BEYOND * math.hypot(*(x for _, x in needed)):
         return None
@@ -108,17 +108,17 @@ def _swing(values: Array, rows: Mask, hertz: float, step: float) -> float:
 
 def _loop(s: ControlSignals, k: int, hertz: float) -> str:
     """Return the innermost loop whose set point swings less than what follows it."""
-    if s.turns is None or s.turns_asked is None or s.rates is None:
+    if s.turns is None or s.turns_asked is None or not s.gyro.size:
         return ""
     tilts = [r.apply([0.0, 0.0, 1.0])[:, :2] for r in (s.turns_asked, s.turns)]
     asked, there = (
-        math.hypot(*(_swing(t[:, i], s.usable, hertz, s.step) for i in (0, 1))) for t in tilts
+        math.hypot(*(_swing(t[:, i], s.valid, hertz, s.step) for i in (0, 1))) for t in tilts
     )
     if asked > _FOLLOWS * there:
         return "position"
     if s.rates_asked is not None:
-        asked = _swing(s.rates_asked[:, k], s.usable, hertz, s.step)
-        if asked < _FOLLOWS * _swing(s.rates[:, k], s.usable, hertz, s.step):
+        asked = _swing(s.rates_asked[:, k], s.valid, hertz, s.step)
+        if asked < _FOLLOWS * _swing(s.gyro[:, k], s.valid, hertz, s.step):
             return "rate" if _asks_attitude(s) else "attitude"
     return "attitude"
 
@@ -129,9 +129,8 @@ def _asks_attitude(s: ControlSignals) -> bool:
 
 def _begin(s: ControlSignals, k: int) -> float:
     """Return when the swing first has its size [s]."""
-    assert s.rates is not None
     sos = butter(2, _BAND_HZ[0], "high", fs=1.0 / s.step, output="sos")
-    fast = sosfiltfilt(sos, np.nan_to_num(s.rates[:, k]))
+    fast = sosfiltfilt(sos, np.nan_to_num(s.gyro[:, k]))
     size = np.sqrt(np.maximum(uniform_filter1d(fast**2, max(round(0.5 / s.step), 1)), 0.0))
-    rows = np.flatnonzero((size > _LEAST) & s.usable)
-    return float(s.t[rows[0]]) if rows.size else float(s.t[np.argmax(s.usable)])
+    rows = np.flatnonzero((size > _LEAST) & s.valid)
+    return float(s.t[rows[0]]) if rows.size else float(s.t[np.argmax(s.valid)])

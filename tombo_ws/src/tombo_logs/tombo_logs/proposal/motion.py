@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.motion import RATE, motion_of
+from tombo_logs.checks.even_flight import RATE, poses_and_imu
 from tombo_logs.checks.spans import Mask
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, is_usable
 
@@ -81,12 +81,12 @@ def readings(
     for form, attitude in attitudes.items():
         if np.count_nonzero(is_usable(attitude.values)) < 2:
             continue
-        motion = motion_of(position, attitude, gyro, None, [])
-        if np.count_nonzero(motion.good) < _LEAST_SAMPLES:
+        motion = poses_and_imu(position, attitude, gyro, None, [])
+        if np.count_nonzero(motion.valid) < _LEAST_SAMPLES:
             continue
         rates = _NOT_TOLD
         if motion.gyro.size:
-            rates = _agreement(motion.gyro, motion.rates, motion.good)
+            rates = _agreement(motion.gyro, motion.rates, motion.valid)
         turn = Rotation.from_quat(motion.attitude)
         for world, axes in WORLD_AXES.items():
             in_world = axes_matrix(axes, world)
@@ -97,7 +97,7 @@ def readings(
                     continue
                 lean = GRAVITY * thrust[:, :2] / np.maximum(thrust[:, 2:], 0.3)
                 flat = (motion.acceleration @ in_world.T)[:, :2]
-                tilt = _agreement(lean, flat, motion.good)
+                tilt = _agreement(lean, flat, motion.valid)
                 allowed.append(Reading(form, world, body, *tilt[:2], rates[0], rates[2]))
     ranked = sorted(allowed, key=lambda r: (-round(r.score, 2), _rank(r)))
     usual = next((r for r in ranked if _rank(r) < len(_USUAL)), None)
