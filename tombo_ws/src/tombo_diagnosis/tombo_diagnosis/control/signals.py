@@ -29,7 +29,8 @@ from tombo_logs.checks.spans import Mask, inside, interpolated, sample_interval
 _RATE: Final = (50.0, 1000.0)
 """Hz of the clock, least and most."""
 _LONGEST: Final = 400_000
-"""Rows of the clock."""
+"""Rows of the clock: a longer flight has a slower one."""
+_SHORTEST_S: Final = 2.0
 _EDGE_S: Final = 1.0
 """After lift-off and before touch-down."""
 _LIMIT: Final = 0.002
@@ -92,10 +93,10 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
     intervals = [sample_interval(s.t) for s in fastest if s is not None and s.t.size > 20]
     if place is None or not intervals or min(intervals) <= 0.0:
         return None
-    rate = float(np.clip(1.0 / min(intervals), *_RATE))
     begin, end = place.t[0], place.t[-1]
-    if not 2.0 < end - begin < _LONGEST / rate:
+    if not end - begin > _SHORTEST_S:
         return None
+    rate = min(float(np.clip(1.0 / min(intervals), *_RATE)), _LONGEST / (end - begin))
     t = np.arange(begin, end, 1.0 / rate)
     ground = [] if "position" not in measured else ground_spans(measured["position"], measured)
     usable = ~inside(t, [(b - _EDGE_S, e + _EDGE_S) for b, e in ground])

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.control.oscillation import course_rates
+from tombo_diagnosis.control.oscillation import course_rates, needed_rates
 from tombo_diagnosis.control.signals import ControlSignals, control_signals
 from tombo_diagnosis.rotor_demand import EXPONENT
 from tombo_dynamics.arrays import Array
@@ -84,7 +85,7 @@ class CrashMotion(EvenFlight):
     controlled: ControlSignals | None
     """What the controller saw and asked for; None: too little."""
     course: Array
-    """(N, 2) rad/s, body x and y, that the course needs."""
+    """(N, 3) body rates that the course needs [rad/s]; about z NaN: no heading is asked for."""
     missing: Array
     """(N,) thrust over hover's that is there beyond what the drives ask for; NaN: no drives."""
 
@@ -149,9 +150,10 @@ def crash_motion(log: Flight) -> CrashMotion:
     demand = _demand(series, t, learnt)
     missing = _missing(demand, force[:, 2], learnt)
     controlled = control_signals(log, None)
-    course: Array = np.zeros((t.size, 2))
     if controlled is not None:
         course = interpolated(t, controlled.t, course_rates(controlled))
+    else:
+        course = needed_rates(place, 3, 1.0 / RATE, Rotation.from_matrix(up))
     return CrashMotion(
         t, {"rates": rates, "acceleration": pushed}, seen, log, series, track, place[:, 2], speed,
         lean, force, demand, flying, even, learnt, controlled, course, missing,

@@ -383,14 +383,20 @@ def _swings(m: CrashMotion) -> Iterator[Sign]:
     rates = np.nan_to_num(m.rates)
     if m.t.size <= RATE:
         return
-    swing, needed = _fast(rates), _fast(m.course)
-    turned, asked = (np.linalg.norm(_size(x), axis=1) for x in (swing[:, :2], needed))
-    beyond = (turned > BEYOND * asked)[:, None]
-    swing[:, :2] *= beyond
+    swing, needed = _fast(rates), _fast(np.nan_to_num(m.course))
+    turned, asked = (_size(x) for x in (swing, needed))
+    tilting, tilted = (np.linalg.norm(x[:, :2], axis=1) for x in (turned, asked))
+    beyond = np.column_stack(
+        [tilting > BEYOND * tilted] * 2 + [turned[:, 2] > BEYOND * asked[:, 2]]
+    )
+    beyond[:, 2] &= np.isfinite(
+        m.course[:, 2]
+    )  # a heading may be asked for that is not in the log
+    swing *= beyond
     if rates.any():
         yield from _swinging(m, "the body's rate", swing, _SWING)
-        # a moment that the course needs turns the vehicle as the course does, about x and y
-        demand[:, :2] *= beyond
+        # a moment that the course needs turns the vehicle as the course does
+        demand *= beyond
     if demand.any():
         yield from _swinging(m, "the command", _fast(demand), _SWING_ASKED)
 
