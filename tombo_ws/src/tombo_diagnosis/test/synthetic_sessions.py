@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tombo_diagnosis.change.features import MODES, Features
+from tombo_diagnosis.change.features import Features
+from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES
 
 FRONT, LEFT = np.sign(ARM_X), np.sign(ARM_Y)

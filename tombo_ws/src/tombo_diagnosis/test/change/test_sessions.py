@@ -7,12 +7,13 @@ import pytest
 from synthetic_sessions import KINDS, Vehicle, hidden
 
 from tombo_bag.flight import Flight
-from tombo_diagnosis.change.comparison import SESSION_MODES, Spread, accused_of, compare, spread_of
-from tombo_diagnosis.change.features import MODES, Features
+from tombo_diagnosis.change.comparison import Spread, accused_of, compare, spread_of
+from tombo_diagnosis.change.features import Features
 from tombo_diagnosis.change.sessions import healthy_sessions, known_sessions, sessions_by_demand
 from tombo_diagnosis.change.signatures import candidates
 from tombo_diagnosis.change.verdict import COVERED, NAMED, judge_change, most_confident
 from tombo_diagnosis.flight.nominal import nominal_model
+from tombo_diagnosis.rotor_demand import MODES, SESSION_MODES
 from tombo_dynamics.errors import InputError
 
 CAUSES = ("named", "set")

@@ -10,13 +10,13 @@ from scipy.ndimage import gaussian_filter1d
 
 from tombo_bag.flight import Airframe, Series
 from tombo_diagnosis.change.diagnose import diagnose_change
-from tombo_diagnosis.change.features import MODES
 from tombo_diagnosis.control.actuators import with_asked_rotors
 from tombo_diagnosis.control.controller import cascade_gains, controller_report
 from tombo_diagnosis.control.signals import DrivePlant
 from tombo_diagnosis.crash.reason import why
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.nominal import nominal_model
+from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.yaml_text import read_yaml
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario

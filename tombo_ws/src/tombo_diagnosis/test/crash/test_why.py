@@ -7,9 +7,9 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.change.features import MODES
 from tombo_diagnosis.crash.reason import judged, why, why_mapping
 from tombo_diagnosis.crash.signs import Sign
+from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.readers.csv_mapping import load_mapping

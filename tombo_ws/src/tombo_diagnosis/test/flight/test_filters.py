@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tombo_diagnosis.flight.fit.track import clear_rows, gaussian, held_means, tick_means
+from tombo_bag.flight import Series
+from tombo_diagnosis.flight.fit.track import clear_rows, gaussian
+from tombo_logs.checks.even_flight import held_means, resample
 
 TICK = 0.004
 T = 3.0 + TICK * np.arange(400)
@@ -82,7 +84,7 @@ def test_means_over_ticks_keep_the_integral(steps, seed):
     t, values, ticks = uneven(steps, seed)
     edge = ticks[0] - 0.5 * TICK, ticks[-1] + 0.5 * TICK
     fine = np.unique(np.concatenate([t[(t > edge[0]) & (t < edge[1])], edge]))
-    for column, means in zip(values.T, tick_means(t, values, ticks).T, strict=True):
+    for column, means in zip(values.T, resample(Series(t, values), ticks).T, strict=True):
         area = np.cumsum(np.concatenate([[0.0], 0.5 * (column[1:] + column[:-1]) * np.diff(t)]))
         # The means take the area to be straight between stamps: only the ends differ.
         exact = np.interp(edge[1], t, area) - np.interp(edge[0], t, area)
@@ -96,7 +98,7 @@ def test_means_of_what_is_held_keep_the_integral(steps, seed):
     t, values, ticks = uneven(steps, seed)
     begin, end = ticks[0], ticks[-1] + TICK
     bounds = np.clip(np.concatenate([t, [end]]), begin, end)
-    means = held_means(t, values, ticks)
+    means = held_means(ticks, t, values)
     assert means.sum(axis=0) * TICK == pytest.approx(np.diff(bounds) @ values, abs=1e-9)
     assert means.min() >= values.min() - 1e-9 and means.max() <= values.max() + 1e-9
 
@@ -105,7 +107,7 @@ def test_a_command_acts_from_its_stamp_on_and_holds():
     t = np.array([0.0, 0.1, 0.2])
     values = np.array([[1.0], [5.0], [2.0]])
     ticks = np.arange(0.0, 0.3, 0.004)
-    means = held_means(t, values, ticks)[:, 0]
+    means = held_means(ticks, t, values)[:, 0]
     assert means[10] == pytest.approx(1.0) and means[30] == pytest.approx(5.0)
     assert means[-1] == pytest.approx(2.0)
 
@@ -113,12 +115,13 @@ def test_a_command_acts_from_its_stamp_on_and_holds():
 def test_a_slow_series_is_interpolated():
     slow = np.arange(0.0, 2.0, 0.1)
     ticks = np.arange(0.2, 1.5, TICK)
-    values = np.column_stack([slow**1, 3.0 - slow])
-    assert tick_means(slow, values, ticks) == pytest.approx(np.column_stack([ticks, 3.0 - ticks]))
+    values = np.column_stack([slow, 3.0 - slow])
+    lines = np.column_stack([ticks, 3.0 - ticks])
+    assert resample(Series(slow, values), ticks) == pytest.approx(lines)
 
 
 def test_white_noise_is_averaged_as_many_samples_go_into_a_tick():
     t = np.arange(0.0, 20.0, 0.001)
     noise = np.random.default_rng(3).standard_normal((t.size, 1))
-    means = tick_means(t, noise, np.arange(1.0, 19.0, TICK))
+    means = resample(Series(t, noise), np.arange(1.0, 19.0, TICK))
     assert means.std() == pytest.approx(0.5, rel=0.1)

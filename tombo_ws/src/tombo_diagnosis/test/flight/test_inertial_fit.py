@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.flight.fit.inertial_fit import fit_inertial, known_before, predict, samples_of
+from tombo_diagnosis.flight.fit.inertial_fit import (
+    fit_inertial,
+    inertial_flight,
+    known_before,
+    predict,
+)
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import ARM_X, ARM_Y
 
@@ -36,14 +41,14 @@ def flown(seed, noise=1.0):
 
 
 def test_lag_thrust_and_inertia_are_found_again():
-    flights = [samples_of(flown(seed)) for seed in (0, 1)]
+    flights = [inertial_flight(flown(seed)) for seed in (0, 1)]
     fit = fit_inertial(flights, MASS, ARM)
     assert fit.lag + fit.delay == pytest.approx(LAG, rel=0.1)
     assert fit.inertia == pytest.approx(INERTIA, rel=0.05)
     assert (fit.bounds[:, 0] < INERTIA).all() and (fit.bounds[:, 1] > 0.97 * INERTIA).all()
     thrust = fit.drive.thrust(np.full((1, 4), 0.65))[0, 0]
     assert thrust == pytest.approx(OFFSET + CURVATURE * 0.65**2, rel=0.01)
-    held_out = samples_of(flown(2))
+    held_out = inertial_flight(flown(2))
     before = known_before(flights, MASS, 1.5 * INERTIA, 0.02)
     old, new = (predict(each, held_out, MASS, ARM) for each in (before, fit))
     assert new.rates[0] < 0.5 * old.rates[0] and new.force < old.force
@@ -53,4 +58,4 @@ def test_what_is_missing_is_said():
     log = flown(0)
     short = log.with_series({k: s for k, s in log.series.items() if k != "accel"})
     with pytest.raises(InputError, match="no accel; without poses needed: gyro, accel"):
-        samples_of(short)
+        inertial_flight(short)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 from scipy.special import logsumexp
 
-from tombo_diagnosis.change.features import MODES, Features, mean_of
+from tombo_diagnosis.change.features import Features, mean_of
 from tombo_diagnosis.change.likelihood import LEARNT, Widths, log_density, size_prior
 from tombo_diagnosis.change.signatures import (
     ADDED_WEIGHT,
@@ -29,20 +29,11 @@ from tombo_diagnosis.change.signatures import (
     WEAK_PROPELLER,
     ChangeCandidate,
 )
+from tombo_diagnosis.rotor_demand import MODES, SESSION_DEGREES, SESSION_MODES, SESSION_ROTOR
 from tombo_dynamics.arrays import Array
 
-SESSION_MODES = (0.028, 0.006, 0.011, 0.049)
-"""Spread of demand between sessions before any flight is seen, of logarithms: part of all rotors,
-roll, pitch, yaw. Learnt, with `_VEHICLES`, from 14 healthy sessions of four Crazyflies of three
-laboratories (maximum of the posterior of a Student's t, sessions of a vehicle together)."""
-_VEHICLES = 5.0
-"""Degrees of freedom of that t: how much the spread as a whole differs between vehicles."""
-_SESSION_ROTOR = 0.003
-"""The same of a single rotor."""
-SESSION_SCATTER = math.hypot(_SESSION_ROTOR, *SESSION_MODES[1:])
-"""The same of a rotor, but for what all rotors do together."""
 _SESSION_OTHERS = (0.13, 0.15, 0.2, 0.01, 0.01)
-"""The same of shake, swing (logarithms) and trail [s/m]."""
+"""Spread between sessions of shake, swing (logarithms) and trail [s/m]."""
 _FLIGHT = (0.007, 0.007, 0.007, 0.007, 0.1, 0.1, 0.2, 0.01, 0.01)
 """Spread between flights of one session, of demand of each rotor, shake, swing, trail."""
 _FLIGHT_COMMON = 0.01
@@ -129,12 +120,12 @@ def spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str = 
     n, count = len(names), len(healthy)
     prior = np.diag(np.square([0.0] * 4 + list(_SESSION_OTHERS)))
     modes = 4.0 * MODES.T  # (4, 4): what a part of one does to each rotor
-    prior[:4, :4] = (modes * np.square(SESSION_MODES)) @ modes.T + _SESSION_ROTOR**2 * np.eye(4)
+    prior[:4, :4] = (modes * np.square(SESSION_MODES)) @ modes.T + SESSION_ROTOR**2 * np.eye(4)
     moved = means - middle
     apart = moved[:, :4]
     # a vehicle that varies more, or less, in some directions does so in those not yet seen
     loose = float(np.sum(apart * np.linalg.solve(prior[:4, :4], apart.T).T))
-    prior[:4, :4] *= (_VEHICLES + loose) / (_VEHICLES + 4.0 * (n - 1.0))
+    prior[:4, :4] *= (SESSION_DEGREES + loose) / (SESSION_DEGREES + 4.0 * (n - 1.0))
     alike = np.diag(np.square(_FLIGHT))
     alike[:4, :4] += _FLIGHT_COMMON**2
     degrees = _PRIOR_FLIGHTS + count - n
@@ -145,7 +136,7 @@ def spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str = 
         return Spread(mean_of(near), none, flight, degrees, len(near), n)
     session = (moved.T @ moved + _PRIOR_SESSIONS * prior) / (_PRIOR_SESSIONS + n - 1.0)
     mean = Features.of(middle, mean_of(healthy).supply)
-    return Spread(mean, session, flight, _VEHICLES + n - 1.0, count, n)
+    return Spread(mean, session, flight, SESSION_DEGREES + n - 1.0, count, n)
 
 
 def compare(

@@ -21,7 +21,6 @@ from tombo_diagnosis.change.comparison import (
     spread_of,
 )
 from tombo_diagnosis.change.features import (
-    EXPONENT,
     AirborneFlight,
     Features,
     airborne,
@@ -46,6 +45,7 @@ from tombo_diagnosis.control.controller import ControllerReport, controller_repo
 from tombo_diagnosis.diagnosis import Change, Detectable, Diagnosis, FlightSummary, Score
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
 from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.rotor_demand import EXPONENT
 from tombo_diagnosis.wording import counted, percent
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -15,16 +16,14 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Flight, Series, why_left_out
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, DriveSamples
+from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks.even_flight import turns_at, usable_turns
 from tombo_logs.checks.spans import interpolated, merged, sample_interval
 from tombo_logs.checks.track_smoothing import smooth_track
 
-EXPONENT = {"rotor_speed": (2.0, 0.15), "rotor_command": (2.0, 0.15), "motor_command": (1.0, 0.3)}
-"""Of thrust in each of them before the fit, and its standard deviation: of speeds the square law,
-which Reynolds' number and bending blades change (1.8 for the suite's propeller)."""
 _SUPPLY_S = 5.0
 """Over which the voltage is averaged: long against manoeuvres, short against a discharge."""
 _EDGE_S = 0.5
@@ -42,9 +41,6 @@ _SPEED_S = 0.3
 """Over which a velocity is taken."""
 _MOVED = 0.1
 """Standard deviation of a velocity [m/s] from which on it says something."""
-
-MODES = np.array([[1.0, 1, 1, 1], [-1, 1, 1, -1], [-1, 1, -1, 1], [1, 1, -1, -1]]) / 4.0
-"""Collective, roll, pitch and yaw part of four numbers in the order of ROTOR_NAMES."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +156,8 @@ def _load_factor(series: Mapping[str, Series], t: Array) -> Array:
     if "acceleration" in series:
         pushed = _at(series["acceleration"], t)
     else:
-        pushed = smooth_track(series["position"]).acceleration_at(t)
+        track = smooth_track(series["position"])
+        pushed = interpolated(t, track.t, track.acceleration)
     force = pushed / GRAVITY + np.array([0.0, 0.0, 1.0])
     if "attitude" in series:
         return np.asarray(_attitude(series["attitude"], t).inv().apply(force)[:, 2])
@@ -172,7 +169,7 @@ def _at(series: Series, t: Array) -> Array:
 
 
 def _attitude(series: Series, t: Array) -> Rotation:
-    return Rotation.from_quat(_at(Series(series.t, unwrap_quaternions(series.values)), t))
+    return turns_at(usable_turns(series), t)
 
 
 def _supply(flight: AirborneFlight, t: Array) -> Array | None:
@@ -250,36 +247,40 @@ def _trail(flight: AirborneFlight, curve: DriveCurve) -> Array:
 
 
 def _swing(track: Sequence[Series]) -> float:
-    parts = []
-    for s in track:
-        step = sample_interval(s.t)
-        if step <= 0.0 or 0.5 / step < 1.2 * _SWING_HZ[1] or s.t[-1] - s.t[0] < _SHORTEST_S - 1.5:
-            continue
-        t = np.arange(s.t[0], s.t[-1], step)
-        even = interpolated(t, s.t, s.values)
-        sos = butter(2, _SWING_HZ, "band", fs=1.0 / step, output="sos")
-        second = np.gradient(
-            np.gradient(sosfiltfilt(sos, even, axis=0), step, axis=0), step, axis=0
-        )
-        parts.append(second)
+    """Return the logarithm of the horizontal acceleration in the band of pendulums."""
+    long = [s for s in track if s.t[-1] - s.t[0] >= _SHORTEST_S - 1.5]
+    parts = [
+        np.gradient(np.gradient(x, step, axis=0), step, axis=0)
+        for x, step in _filtered(long, 2, _SWING_HZ, "band", 1.2 * _SWING_HZ[1])
+    ]
     return _log_rms(parts)
 
 
 def _band(parts: Sequence[Series], low: float, factor: float) -> float:
-    """Return the logarithm of the standard deviation in a band; NaN where sampled too slowly."""
+    """Return the logarithm of the standard deviation above a frequency [Hz], times a factor."""
+    return _log_rms([factor * x for x, _ in _filtered(parts, 4, low, "high", 2.0 * low)])
+
+
+def _filtered(
+    parts: Sequence[Series], order: int, band: Any, kind: str, least: float
+) -> list[tuple[Array, float]]:
+    """Return channels at even times behind a Butterworth filter, each with its step [s].
+
+    Those that are too slow to show a frequency of `least` [Hz] are left out.
+    """
     out = []
     for s in parts:
         step = sample_interval(s.t)
-        if step <= 0.0 or 0.5 / step < 2.0 * low:
+        if step <= 0.0 or 0.5 / step < least:
             continue
-        t = np.arange(s.t[0], s.t[-1], step)
-        even = interpolated(t, s.t, s.values)
-        sos = butter(4, low, "high", fs=1.0 / step, output="sos")
-        out.append(factor * sosfiltfilt(sos, even, axis=0))
-    return _log_rms(out)
+        even = interpolated(np.arange(s.t[0], s.t[-1], step), s.t, s.values)
+        sos = butter(order, band, kind, fs=1.0 / step, output="sos")
+        out.append((sosfiltfilt(sos, even, axis=0), step))
+    return out
 
 
 def _log_rms(parts: Sequence[Array]) -> float:
+    """Return the logarithm of the root mean square of rows; NaN: there are none."""
     if not parts:
         return float("nan")
     every = np.vstack(parts)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tombo_diagnosis.change.features import MODES
 from tombo_diagnosis.change.signatures import (
     ADDED_WEIGHT,
     CENTRE,
@@ -22,6 +21,7 @@ from tombo_diagnosis.change.signatures import (
     WEAK_PROPELLER,
     ChangeCandidate,
 )
+from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, ROTOR_NAMES
 

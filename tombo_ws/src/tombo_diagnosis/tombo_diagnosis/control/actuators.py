@@ -11,7 +11,7 @@ from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Airframe, Flight, Series
 from tombo_diagnosis.control.gains import LoopFit, LoopGain
 from tombo_diagnosis.control.signals import ControlSignals
-from tombo_diagnosis.flight.calibrate import HOVER_SPEED
+from tombo_diagnosis.rotor_demand import HOVER_SPEED
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 from tombo_logs.checks.spans import block_means
@@ -40,7 +40,7 @@ def thrust_gain(flight: Flight, signals: ControlSignals) -> LoopFit | None:
     if frame is None or asked is None or signals.turns is None:
         return None
     block = max(round(_BLOCK_S / signals.step), 1)
-    whole = block_means(signals.usable.astype(np.float64), block) > 0.99
+    whole = block_means(signals.valid.astype(np.float64), block) > 0.99
     given = frame.mass * block_means(_specific_force(flight, signals), block)[whole]
     wanted = block_means(asked, block)[whole]
     if given.size < _FEWEST or not (wanted > 0.0).all():

@@ -250,31 +250,31 @@ def _below_limit(values: Array, rows: Mask) -> Mask:
 
 
 def _rate_loops(s: ControlSignals, error: Array | None, cascade: bool) -> list[LoopFit]:
-    if s.moment is None or s.rates is None or (not cascade and error is None):
+    if s.moment is None or not s.gyro.size or (not cascade and error is None):
         return []
     asked, loop = s.rates_asked, "rate" if cascade else "attitude"
     fits = []
     clock, unit, fresh = s.t - s.t[0], s.moment_unit, _fresh(s.moment)
     for k, axis in enumerate(AXES["rate"]):
         y = s.moment[:, k]
-        off = (np.zeros(s.t.size) if asked is None else asked[:, k]) - s.rates[:, k]
-        coupled = s.rates[:, (k + 1) % 3] * s.rates[:, (k + 2) % 3]
+        off = (np.zeros(s.t.size) if asked is None else asked[:, k]) - s.gyro[:, k]
+        coupled = s.gyro[:, (k + 1) % 3] * s.gyro[:, (k + 2) % 3]
         if cascade:
             units = {"P": f"{unit} s/rad", "I": f"{unit}/rad", "D": f"{unit} s^2/rad"}
-            named = {"P": off, "I": _integral(off, s.usable, s.step)}
-            slopes = [_slope(s.rates[:, k], c, s.step) for c in _CUTOFFS] if k < 2 else []
+            named = {"P": off, "I": _integral(off, s.valid, s.step)}
+            slopes = [_slope(s.gyro[:, k], c, s.step) for c in _CUTOFFS] if k < 2 else []
             sets = [named | {"D": -slope} for slope in slopes] or [named]
         else:
             assert error is not None
             units = {"P": f"{unit}/rad", "I": f"{unit}/(rad s)", "D": f"{unit} s/rad"}
             e = error[:, k]
-            sets = [{"P": e, "D": off, "I": _integral(e, s.usable, s.step)}]
+            sets = [{"P": e, "D": off, "I": _integral(e, s.valid, s.step)}]
         tried = []
         for d in range(-1, _DELAYS):
             nuisance = [_shifted(clock, d), _shifted(clock**2, d), _shifted(coupled, d)]
             for named in sets:
                 late = {term: _shifted(v, d) for term, v in named.items()}
-                tried.append(_fit(s, loop, axis, y, late, units, nuisance, s.usable, fresh))
+                tried.append(_fit(s, loop, axis, y, late, units, nuisance, s.valid, fresh))
         fits.append(_best(tried))
     return fits
 
@@ -285,7 +285,7 @@ def follows(s: ControlSignals, error: Array | None, asked: Array | None) -> bool
         return False
     if error is None:
         return True
-    rows = s.usable & np.isfinite(asked[:, 0])
+    rows = s.valid & np.isfinite(asked[:, 0])
     if np.count_nonzero(rows) < 50:
         return False
     size = float(np.std(error[rows, 0]) * np.std(asked[rows, 0]))
@@ -297,11 +297,11 @@ def _attitude_loops(s: ControlSignals, error: Array | None, cascade: bool) -> li
     if error is None or asked is None or not cascade:
         return []
     units, fresh = {"P": "1/s"}, _fresh(asked)
-    tilting = _below_limit(np.hypot(asked[:, 0], asked[:, 1]), s.usable)
-    turning = _below_limit(np.abs(asked[:, 2]), s.usable)
+    tilting = _below_limit(np.hypot(asked[:, 0], asked[:, 1]), s.valid)
+    turning = _below_limit(np.abs(asked[:, 2]), s.valid)
     fits = []
     for k, axis in enumerate(AXES["attitude"]):
-        free = s.usable & (tilting if k < 2 else turning)
+        free = s.valid & (tilting if k < 2 else turning)
         tried = [
             _fit(s, "attitude", axis, asked[:, k], {"P": late}, units, [], free, fresh)
             for late in (_shifted(error[:, k], d) for d in range(-_DELAYS, _DELAYS + 1))
@@ -312,17 +312,17 @@ def _attitude_loops(s: ControlSignals, error: Array | None, cascade: bool) -> li
 
 def _position_loops(s: ControlSignals) -> list[LoopFit]:
     wanted = s.position_asked
-    if s.turns_asked is None or wanted is None or not s.usable.any():
+    if s.turns_asked is None or wanted is None or not s.valid.any():
         return []
     up = s.turns_asked.apply([0.0, 0.0, 1.0])
     pushed = GRAVITY * up / np.maximum(up[:, 2:], 0.3)
     if s.thrust_asked is not None and s.turns is not None:
         along = np.einsum("ni,ni->n", up, s.turns.apply([0.0, 0.0, 1.0]))
         size = s.thrust_asked / np.maximum(along, 0.3)
-        lift = np.mean((size * up[:, 2])[s.usable])  # that carries the weight, on average
+        lift = np.mean((size * up[:, 2])[s.valid])  # that carries the weight, on average
         if lift > 0.0:
             pushed = GRAVITY * up * (size / lift)[:, None]
-    free = s.usable & _below_limit(np.hypot(up[:, 0], up[:, 1]) / up[:, 2], s.usable)
+    free = s.valid & _below_limit(np.hypot(up[:, 0], up[:, 1]) / up[:, 2], s.valid)
     units = {"P": "1/s^2", "I": "1/s^3", "D": "1/s"}
     speed = np.zeros_like(s.position) if s.velocity_asked is None else s.velocity_asked
     fresh = _fresh(s.turns_asked.as_quat())
@@ -348,7 +348,7 @@ def _state_feedback(s: ControlSignals) -> list[LoopFit]:
 
     A cascade as a whole is linear in the state: position P, I, D and attitude P, D, in moments.
     """
-    if s.moment is None or s.rates is None or s.turns is None or s.position_asked is None:
+    if s.moment is None or not s.gyro.size or s.turns is None or s.position_asked is None:
         return []
     smooth = max(_COURSE_S / s.step, 0.1)
     asked = gaussian_filter1d(s.position_asked, smooth, axis=0)
@@ -366,9 +366,9 @@ def _state_feedback(s: ControlSignals) -> list[LoopFit]:
         named = {
             "position P": e,
             "position D": sign * slip[:, other],
-            "position I": _integral(e, s.usable, s.step),
+            "position I": _integral(e, s.valid, s.step),
             "attitude P": -sign * up[:, other],
-            "attitude D": -s.rates[:, k],
+            "attitude D": -s.gyro[:, k],
         }
         units = {
             "position P": f"{unit}/m", "position D": f"{unit} s/m", "position I": f"{unit}/(m s)",
@@ -378,9 +378,7 @@ def _state_feedback(s: ControlSignals) -> list[LoopFit]:
         for d in range(_DELAYS):
             late = {term: _shifted(v, d) for term, v in named.items()}
             rest = [_shifted(v, d) for v in (push[:, other], clock)]
-            tried.append(
-                _fit(s, "state", axis, s.moment[:, k], late, units, rest, s.usable, fresh)
-            )
+            tried.append(_fit(s, "state", axis, s.moment[:, k], late, units, rest, s.valid, fresh))
         fits.append(_best(tried))
     return fits
 

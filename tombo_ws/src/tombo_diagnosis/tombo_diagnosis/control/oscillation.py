@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt, welch
+from scipy.spatial.transform import Rotation
 
 from tombo_diagnosis.control.gains import attitude_error, follows
 from tombo_diagnosis.control.signals import ControlSignals
@@ -24,6 +25,8 @@ BEYOND: Final = 2.0
 figure-eight is in one axis twice as fast as in the other."""
 _COURSE_HZ: Final = 2.5
 """A course has nothing above it."""
+_MOVES: Final = 0.05
+"""m/s or m by which a set point changes at least that is a course."""
 _WINDOW_S: Final = 2.0
 _FOLLOWS: Final = 0.7
 """Swing of a set point over that of the response from which on the loop outside drives it."""
@@ -51,11 +54,11 @@ class Oscillation:
 
 def oscillation(s: ControlSignals) -> Oscillation | None:
     """Return the strongest swing of roll and pitch that no course asks for, if there is one."""
-    if s.rates is None or np.count_nonzero(s.usable) * s.step < _WINDOW_S:
+    if not s.gyro.size or np.count_nonzero(s.valid) * s.step < _WINDOW_S:
         return None
-    rows = s.usable & np.isfinite(s.rates).all(axis=1)
+    rows = s.valid & np.isfinite(s.gyro).all(axis=1)
     turned, needed = (
-        [_peak(values[rows, k], s.step) for k in (0, 1)] for values in (s.rates, course_rates(s))
+        [_peak(values[rows, k], s.step) for k in (0, 1)] for values in (s.gyro, course_rates(s))
     )
     if math.hypot(*(size for _, size in turned)) < BEYOND * math.hypot(*(x for _, x in needed)):
         return None
@@ -81,23 +84,56 @@ def _peak(values: Array, step: float) -> tuple[float, float]:
 
 
 def course_rates(s: ControlSignals) -> Array:
-    """Return the body rates (N, 2) about x and y that the course needs, as asked for or as flown.
+    """Return the body rates (N, 3) that the course needs, as asked for or as flown.
 
-    Thrust accelerates the vehicle along its body z, so a jerk j needs the rates z x j / g. Without
-    set points the course is what was flown: rates that move the vehicle are a manoeuvre.
+    Without set points the course is what was flown: rates that move the vehicle are a manoeuvre.
+    The rate about z is that of the heading that is asked for; NaN: no heading is.
     """
-    course, order = s.velocity_asked, 2
-    if course is None:
-        course, order = s.position_asked, 3
-    if course is None:
-        course = s.position
+    heading = None
+    if s.turns_asked is not None:
+        ahead = s.turns_asked.apply([1.0, 0.0, 0.0])
+        heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    return needed_rates(*_course(s), s.step, s.turns, heading)
+
+
+def _course(s: ControlSignals) -> tuple[Array, int]:
+    """Return the course (N, 3), and which of its derivatives is the jerk.
+
+    It is the first of the set points of velocity and position that moves. One of velocity that
+    stays is no feed-forward of the position's. Where none moves, the vehicle is asked to hover.
+    """
+    asked = [(s.velocity_asked, 2), (s.position_asked, 3)]
+    for course, order in asked:
+        if course is not None and np.ptp(course[s.valid], axis=0).max(initial=0.0) > _MOVES:
+            return course, order
+    return (s.position if s.position_asked is None else s.position_asked), 3
+
+
+def needed_rates(
+    course: Array, order: int, step: float, turns: Rotation | None, heading: Array | None = None
+) -> Array:
+    """Return the body rates (N, 3) [rad/s] that a course needs.
+
+    Thrust accelerates the vehicle along its body z, so a jerk j needs the rates z x j / g.
+
+    Args:
+        course: (N, 3), in map.
+        step: time between its rows [s].
+        order: of the derivative of the course that is the jerk.
+        turns: attitudes; None: level.
+        heading: (N,) [rad]; None: not known, and the rates about z are NaN.
+    """
     jerk = course
     for _ in range(order):
-        jerk = np.gradient(jerk, s.step, axis=0)
-    sos = butter(4, min(2.0 * _COURSE_HZ * s.step, 0.9), output="sos")
-    jerk = sosfiltfilt(sos, jerk, axis=0, padtype="even")
-    rates = np.column_stack([-jerk[:, 1], jerk[:, 0], np.zeros(len(jerk))]) / GRAVITY
-    return np.asarray(rates if s.turns is None else s.turns.inv().apply(rates))[:, :2]
+        jerk = np.gradient(jerk, step, axis=0)
+    turning = np.zeros(len(jerk)) if heading is None else np.gradient(heading, step)
+    rates = np.column_stack([-jerk[:, 1] / GRAVITY, jerk[:, 0] / GRAVITY, turning])
+    sos = butter(4, min(2.0 * _COURSE_HZ * step, 0.9), output="sos")
+    rates = sosfiltfilt(sos, rates, axis=0, padtype="even")
+    rates = rates if turns is None else turns.inv().apply(rates)
+    if heading is None:
+        rates[:, 2] = np.nan
+    return np.asarray(rates)
 
 
 def _swing(values: Array, rows: Mask, hertz: float, step: float) -> float:
@@ -108,17 +144,17 @@ def _swing(values: Array, rows: Mask, hertz: float, step: float) -> float:
 
 def _loop(s: ControlSignals, k: int, hertz: float) -> str:
     """Return the innermost loop whose set point swings less than what follows it."""
-    if s.turns is None or s.turns_asked is None or s.rates is None:
+    if s.turns is None or s.turns_asked is None or not s.gyro.size:
         return ""
     tilts = [r.apply([0.0, 0.0, 1.0])[:, :2] for r in (s.turns_asked, s.turns)]
     asked, there = (
-        math.hypot(*(_swing(t[:, i], s.usable, hertz, s.step) for i in (0, 1))) for t in tilts
+        math.hypot(*(_swing(t[:, i], s.valid, hertz, s.step) for i in (0, 1))) for t in tilts
     )
     if asked > _FOLLOWS * there:
         return "position"
     if s.rates_asked is not None:
-        asked = _swing(s.rates_asked[:, k], s.usable, hertz, s.step)
-        if asked < _FOLLOWS * _swing(s.rates[:, k], s.usable, hertz, s.step):
+        asked = _swing(s.rates_asked[:, k], s.valid, hertz, s.step)
+        if asked < _FOLLOWS * _swing(s.gyro[:, k], s.valid, hertz, s.step):
             return "rate" if _asks_attitude(s) else "attitude"
     return "attitude"
 
@@ -129,9 +165,8 @@ def _asks_attitude(s: ControlSignals) -> bool:
 
 def _begin(s: ControlSignals, k: int) -> float:
     """Return when the swing first has its size [s]."""
-    assert s.rates is not None
     sos = butter(2, _BAND_HZ[0], "high", fs=1.0 / s.step, output="sos")
-    fast = sosfiltfilt(sos, np.nan_to_num(s.rates[:, k]))
+    fast = sosfiltfilt(sos, np.nan_to_num(s.gyro[:, k]))
     size = np.sqrt(np.maximum(uniform_filter1d(fast**2, max(round(0.5 / s.step), 1)), 0.0))
-    rows = np.flatnonzero((size > _LEAST) & s.usable)
-    return float(s.t[rows[0]]) if rows.size else float(s.t[np.argmax(s.usable)])
+    rows = np.flatnonzero((size > _LEAST) & s.valid)
+    return float(s.t[rows[0]]) if rows.size else float(s.t[np.argmax(s.valid)])

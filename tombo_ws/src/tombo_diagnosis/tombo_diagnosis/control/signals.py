@@ -11,20 +11,26 @@ from scipy.spatial.transform import Rotation
 
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.change.features import EXPONENT, MODES
+from tombo_diagnosis.rotor_demand import EXPONENT, MODES
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_thrust
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
+from tombo_logs.checks.even_flight import (
+    EvenFlight,
+    held_values,
+    turns_at,
+    unit_rows,
+    usable_turns,
+)
 from tombo_logs.checks.ground import ground_spans
 from tombo_logs.checks.series_cleaning import clean_series, nothing_left
 from tombo_logs.checks.spans import Mask, inside, interpolated, sample_interval
-from tombo_logs.readers.frames import is_usable
 
 _RATE: Final = (50.0, 1000.0)
 """Hz of the clock, least and most."""
 _LONGEST: Final = 400_000
-"""Rows of the clock."""
+"""Rows of the clock: a longer flight has a slower one."""
+_SHORTEST_S: Final = 2.0
 _EDGE_S: Final = 1.0
 """After lift-off and before touch-down."""
 _LIMIT: Final = 0.002
@@ -43,16 +49,13 @@ class DrivePlant:
 
 
 @dataclass(frozen=True)
-class ControlSignals:
-    """A flight on an even clock; what is not there is None."""
+class ControlSignals(EvenFlight):
+    """What a controller saw and asked for; None: not known.
+
+    Rows are valid in the air, while drives are within their limits. The channel is gyro.
+    """
 
     name: str
-    t: Array
-    """(N,) s"""
-    usable: Mask
-    """In the air, drives within their limits."""
-    rates: Array | None
-    """(N, 3) rad/s, base_link"""
     rates_asked: Array | None
     turns: Rotation | None
     """N attitudes, map from base_link."""
@@ -68,11 +71,6 @@ class ControlSignals:
     moment: Array | None
     """(N, 3) what is asked for about body x, y, z, in `moment_unit`."""
     moment_unit: str
-
-    @property
-    def step(self) -> float:
-        """Period of the clock [s]."""
-        return float(self.t[1] - self.t[0])
 
 
 def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | None:
@@ -95,10 +93,10 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
     intervals = [sample_interval(s.t) for s in fastest if s is not None and s.t.size > 20]
     if place is None or not intervals or min(intervals) <= 0.0:
         return None
-    rate = float(np.clip(1.0 / min(intervals), *_RATE))
     begin, end = place.t[0], place.t[-1]
-    if not 2.0 < end - begin < _LONGEST / rate:
+    if not end - begin > _SHORTEST_S:
         return None
+    rate = min(float(np.clip(1.0 / min(intervals), *_RATE)), _LONGEST / (end - begin))
     t = np.arange(begin, end, 1.0 / rate)
     ground = [] if "position" not in measured else ground_spans(measured["position"], measured)
     usable = ~inside(t, [(b - _EDGE_S, e + _EDGE_S) for b, e in ground])
@@ -116,11 +114,12 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
     turns = control.get("estimated_attitude") or measured.get("attitude")
     there = _rotations(turns, t)
     position = _linear(place, t)
+    gyro = measured.get("gyro")
     return ControlSignals(
-        log.name,
         t,
+        {} if gyro is None else {"gyro": _linear(gyro, t)},
         usable,
-        _optional(measured.get("gyro"), t, _linear),
+        log.name,
         _optional(control.get("rates_setpoint"), t, _held),
         there,
         _rotations(control.get("attitude_setpoint"), t, hold=True),
@@ -156,9 +155,7 @@ def _clean(log: Flight, name: str, raw: Series) -> Series:
     wide = Series(raw.t, raw.values.reshape(len(raw.t), -1), raw.arrival)
     cleaned = clean_series(log.name, name, wide)[0]
     if cleaned.t.size and cleaned.values.shape[1] == 4 and "attitude" in name:
-        keep = is_usable(cleaned.values)
-        late = None if cleaned.arrival is None else cleaned.arrival[keep]
-        return Series(cleaned.t[keep], unwrap_quaternions(cleaned.values[keep]), late)
+        return usable_turns(cleaned)
     return cleaned
 
 
@@ -175,8 +172,7 @@ def _linear(series: Series, t: Array) -> Array:
 def _held(series: Series, t: Array, arrived: bool = False) -> Array:
     """Return what holds at each time; `arrived`: since it came in, where that is known."""
     known = series.t if series.arrival is None or not arrived else series.arrival
-    rows = np.clip(np.searchsorted(known, t + 1e-6, side="right") - 1, 0, series.t.size - 1)
-    return np.asarray(series.values[rows])
+    return held_values(t + 1e-6, known, series.values)
 
 
 def _arrived(series: Series, t: Array) -> Array:
@@ -186,8 +182,7 @@ def _arrived(series: Series, t: Array) -> Array:
 def _rotations(series: Series | None, t: Array, hold: bool = False) -> Rotation | None:
     if series is None:
         return None
-    q = _held(series, t, True) if hold else _linear(series, t)
-    return Rotation.from_quat(q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9))
+    return Rotation.from_quat(unit_rows(_held(series, t, True))) if hold else turns_at(series, t)
 
 
 def _at_limit(drive: Series, t: Array) -> Mask:

@@ -7,42 +7,36 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.change.features import EXPONENT
-from tombo_diagnosis.control.oscillation import course_rates
+from tombo_diagnosis.control.oscillation import course_rates, needed_rates
 from tombo_diagnosis.control.signals import ControlSignals, control_signals
+from tombo_diagnosis.rotor_demand import EXPONENT
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.clocks.timestamps import jitter
+from tombo_logs.checks.even_flight import (
+    EVENT_WIDTH,
+    PUSH_WIDTH,
+    EvenFlight,
+    known_at,
+    resample,
+    smooth,
+    turns_at,
+    usable_turns,
+)
 from tombo_logs.checks.frozen_values import interpolated_spans
 from tombo_logs.checks.ground import ground_spans
 from tombo_logs.checks.recording import recorded
 from tombo_logs.checks.series_cleaning import nothing_left
-from tombo_logs.checks.spans import (
-    Mask,
-    block_means,
-    check_extent,
-    inside,
-    interpolated,
-    sample_interval,
-)
+from tombo_logs.checks.spans import Mask, check_extent, inside, interpolated, sample_interval
 from tombo_logs.checks.track_smoothing import SmoothTrack, smooth_track
-from tombo_logs.readers.frames import is_usable
 
 RATE: Final = 100.0
 """Hz of the clock."""
-_SMOOTH_S: Final = 0.02
-"""Standard deviation of the Gaussian that rates and drives pass [s]."""
-_FORCE_SMOOTH_S: Final = 0.008
-"""Of the accelerometer: a push must keep its time [s]."""
-_POSE_SMOOTH_S: Final = 0.02
-"""Of rates that are differences of attitudes [s]."""
 _LAGS: Final = np.arange(0.0, 0.09, 0.01)
 """s by which thrust may follow the drives."""
 _LEARNT: Final = 0.5
@@ -62,33 +56,28 @@ _KNOWN_S: Final = 0.08
 
 
 @dataclass(frozen=True)
-class CrashMotion:
-    """A flight on a clock of 100 Hz; NaN: not known."""
+class CrashMotion(EvenFlight):
+    """A flight on a clock of 100 Hz; NaN: not known.
+
+    Its channels are rates and acceleration (of the track); rows are valid where poses are there.
+    """
 
     log: Flight
     series: Mapping[str, Series]
     """Cleaned."""
     track: SmoothTrack
-    t: Array
-    """(N,) s"""
     height: Array
     """(N,) m"""
     speed: Array
     """(N, 3) m/s, map"""
-    acceleration: Array
-    """(N, 3) m/s^2 of the track, map"""
     lean: Array
     """(N,) rad"""
-    rates: Array
-    """(N, 3) rad/s, body"""
     force: Array
     """(N, 3) specific force [m/s^2], body"""
     demand: Array
     """(N, 4) of the best drive channel over its usual mean, in terms of thrust."""
     flying: Mask
     """In the air."""
-    seen: Mask
-    """Poses are there."""
     even: bool
     """Stamps of the poses are so even that jumps and fast swings can be told."""
     learnt: Mask
@@ -96,7 +85,7 @@ class CrashMotion:
     controlled: ControlSignals | None
     """What the controller saw and asked for; None: too little."""
     course: Array
-    """(N, 2) rad/s, body x and y, that the course needs."""
+    """(N, 3) body rates that the course needs [rad/s]; about z NaN: no heading is asked for."""
     missing: Array
     """(N,) thrust over hover's that is there beyond what the drives ask for; NaN: no drives."""
 
@@ -130,8 +119,10 @@ def crash_motion(log: Flight) -> CrashMotion:
     check_extent(position.t[0], end, RATE)
     t = np.arange(position.t[0], end, 1.0 / RATE)
     track = smooth_track(position)
-    seen = _known(position, t)
-    place, speed, pushed = (interpolated(t, track.t, x) for x in _track_parts(track))
+    seen = known_at(position, t, _KNOWN_S)
+    place, speed, pushed = (
+        interpolated(t, track.t, x) for x in (track.position, track.velocity, track.acceleration)
+    )
     flying = ~inside(t, ground_spans(position, series))
     if np.count_nonzero(flying) < RATE:
         flying = np.ones(t.size, np.bool_)
@@ -141,11 +132,11 @@ def crash_motion(log: Flight) -> CrashMotion:
     if gyro is None and not even:
         rates = np.full_like(rates, np.nan)
     if gyro is not None:
-        rates = _smooth(gyro, t, _SMOOTH_S)
+        rates = _smooth(gyro, t, EVENT_WIDTH)
     lean = np.where(seen, np.arccos(np.clip(up[:, 2, 2], -1.0, 1.0)), np.nan)
     accel = series.get("accel")
     if accel is not None:
-        force = _smooth(accel, t, _FORCE_SMOOTH_S)
+        force = _smooth(accel, t, PUSH_WIDTH)
     else:
         force = np.einsum("nji,nj->ni", up, pushed + np.array([0.0, 0.0, GRAVITY]))
         force[~seen] = np.nan
@@ -159,12 +150,13 @@ def crash_motion(log: Flight) -> CrashMotion:
     demand = _demand(series, t, learnt)
     missing = _missing(demand, force[:, 2], learnt)
     controlled = control_signals(log, None)
-    course: Array = np.zeros((t.size, 2))
     if controlled is not None:
         course = interpolated(t, controlled.t, course_rates(controlled))
+    else:
+        course = needed_rates(place, 3, 1.0 / RATE, Rotation.from_matrix(up))
     return CrashMotion(
-        log, series, track, t, place[:, 2], speed, pushed, lean, rates, force, demand,
-        flying, seen, even, learnt, controlled, course, missing,
+        t, {"rates": rates, "acceleration": pushed}, seen, log, series, track, place[:, 2], speed,
+        lean, force, demand, flying, even, learnt, controlled, course, missing,
     )  # fmt: skip
 
 
@@ -175,30 +167,15 @@ def _measured(name: str, series: Series) -> Series:
         keep = ~inside(series.t, lines)
         series = Series(series.t[keep], series.values[keep])
     if name == "attitude" and series.t.size:
-        usable = is_usable(series.values)
-        return Series(series.t[usable], unwrap_quaternions(series.values[usable]))
+        return usable_turns(series)
     return series
 
 
-def _track_parts(track: SmoothTrack) -> tuple[Array, Array, Array]:
-    return track.position, track.velocity, track.acceleration
-
-
-def _known(series: Series, t: Array) -> Mask:
-    """Return where a sample is near."""
-    after = np.clip(np.searchsorted(series.t, t), 1, series.t.size - 1)
-    near = np.minimum(np.abs(series.t[after] - t), np.abs(t - series.t[after - 1]))
-    return np.asarray(near < max(_KNOWN_S, 2.0 * sample_interval(series.t)))
-
-
-def _smooth(series: Series, t: Array, sigma: float) -> Array:
+def _smooth(series: Series, t: Array, width: float) -> Array:
     """Return a channel on the clock behind a Gaussian [s]; NaN where it is not known."""
-    every = max(round(1.0 / RATE / max(sample_interval(series.t), 1e-6)), 1)
-    every = min(every, series.t.size)
-    values = interpolated(t, block_means(series.t, every), block_means(series.values, every))
-    out = gaussian_filter1d(values, sigma * RATE, axis=0)
-    out[~_known(series, t)] = np.nan
-    return np.asarray(out)
+    out = smooth(resample(series, t), width, 1.0 / RATE)
+    out[~known_at(series, t, _KNOWN_S)] = np.nan
+    return out
 
 
 def _attitude(series: Mapping[str, Series], t: Array) -> tuple[Array, Array]:
@@ -206,12 +183,11 @@ def _attitude(series: Mapping[str, Series], t: Array) -> tuple[Array, Array]:
     attitude = series.get("attitude")
     if attitude is None:
         return np.tile(np.eye(3), (t.size, 1, 1)), np.full((t.size, 3), np.nan)
-    q = interpolated(t, attitude.t, attitude.values)
-    turns = Rotation.from_quat(q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9))
+    turns = turns_at(attitude, t)
     steps = np.zeros((t.size, 3))
     steps[1:] = (turns[:-1].inv() * turns[1:]).as_rotvec() * RATE
-    rates = gaussian_filter1d(steps, _POSE_SMOOTH_S * RATE, axis=0)
-    rates[~_known(attitude, t)] = np.nan
+    rates = smooth(steps, EVENT_WIDTH, 1.0 / RATE)
+    rates[~known_at(attitude, t, _KNOWN_S)] = np.nan
     return turns.as_matrix(), rates
 
 
@@ -219,7 +195,7 @@ def _demand(series: Mapping[str, Series], t: Array, learnt: Mask) -> Array:
     name = next((d for d in DRIVES if d in series), None)
     if name is None:
         return np.full((t.size, 4), np.nan)
-    thrust = np.maximum(_smooth(series[name], t, _SMOOTH_S), 0.0) ** EXPONENT[name][0]
+    thrust = np.maximum(_smooth(series[name], t, EVENT_WIDTH), 0.0) ** EXPONENT[name][0]
     usual = float(np.nanmedian(thrust[learnt])) if np.isfinite(thrust[learnt]).any() else 0.0
     return thrust / usual if usual > 0.0 else np.full((t.size, 4), np.nan)
 

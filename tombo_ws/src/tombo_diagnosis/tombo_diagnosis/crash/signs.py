@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
-from tombo_diagnosis.change.features import MODES
 from tombo_diagnosis.control.oscillation import BEYOND
 from tombo_diagnosis.crash.motion import RATE, CrashMotion
+from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
 from tombo_logs.checks.clocks.gaps import gap_spans
@@ -298,7 +298,7 @@ def _impacts(m: CrashMotion) -> Iterator[Sign]:
     """The lowest place is reached faster than one lands."""
     low = m.height < float(np.nanmin(m.height)) + 0.15
     fell = minimum_filter1d(m.speed[:, 2], 20, origin=9)  # within the last 0.2 s
-    stops = low & (fell < -_HARD) & (m.speed[:, 2] > -0.3 * _HARD) & m.seen
+    stops = low & (fell < -_HARD) & (m.speed[:, 2] > -0.3 * _HARD) & m.valid
     for begin, _ in runs(stops)[:1]:
         before = slice(max(begin - 50, 0), begin)
         if (m.height[before] < float(np.nanmin(m.height)) + _CUT).all():
@@ -317,7 +317,7 @@ def _bumps(m: CrashMotion) -> Iterator[Sign]:
     ahead, behind = m.speed[2 * half :], m.speed[: -2 * half]
     change[half:-half] = np.linalg.norm(ahead - behind, axis=1)
     usual = np.nanpercentile(change[m.learnt], 99.5)
-    large = (change > max(2.0 * _BUMP, 3.0 * float(usual))) & m.seen & m.flying
+    large = (change > max(2.0 * _BUMP, 3.0 * float(usual))) & m.valid & m.flying
     for begin, end in runs(large)[:3]:
         row = begin + int(np.argmax(change[begin:end]))
         text = f"the velocity changes by {change[row]:.1f} m/s within 0.12 s"
@@ -383,14 +383,20 @@ def _swings(m: CrashMotion) -> Iterator[Sign]:
     rates = np.nan_to_num(m.rates)
     if m.t.size <= RATE:
         return
-    swing, needed = _fast(rates), _fast(m.course)
-    turned, asked = (np.linalg.norm(_size(x), axis=1) for x in (swing[:, :2], needed))
-    beyond = (turned > BEYOND * asked)[:, None]
-    swing[:, :2] *= beyond
+    swing, needed = _fast(rates), _fast(np.nan_to_num(m.course))
+    turned, asked = (_size(x) for x in (swing, needed))
+    tilting, tilted = (np.linalg.norm(x[:, :2], axis=1) for x in (turned, asked))
+    beyond = np.column_stack(
+        [tilting > BEYOND * tilted] * 2 + [turned[:, 2] > BEYOND * asked[:, 2]]
+    )
+    beyond[:, 2] &= np.isfinite(
+        m.course[:, 2]
+    )  # a heading may be asked for that is not in the log
+    swing *= beyond
     if rates.any():
         yield from _swinging(m, "the body's rate", swing, _SWING)
-        # a moment that the course needs turns the vehicle as the course does, about x and y
-        demand[:, :2] *= beyond
+        # a moment that the course needs turns the vehicle as the course does
+        demand *= beyond
     if demand.any():
         yield from _swinging(m, "the command", _fast(demand), _SWING_ASKED)
 
@@ -543,6 +549,6 @@ def _upsets(m: CrashMotion) -> Iterator[Sign]:
 def _falls(m: CrashMotion) -> Iterator[Sign]:
     """It drops without thrust."""
     down = uniform_filter1d(m.acceleration[:, 2], 5) < -0.6 * GRAVITY
-    row = _first(m, down & m.seen & (m.speed[:, 2] < -0.5), 0.08)
+    row = _first(m, down & m.valid & (m.speed[:, 2] < -0.5), 0.08)
     if row is not None:
         yield Sign(float(m.t[row]), "fall", "it falls")

@@ -19,16 +19,15 @@ from tombo_bag.channels import DRIVES, ROTOR_SPEEDS
 from tombo_bag.flight import Airframe, Flight, Series, why_left_out
 from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.rotor_demand import HOVER_SPEED
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
-from tombo_logs.checks.motion import motion_of
+from tombo_logs.checks.even_flight import poses_and_imu
 from tombo_logs.checks.spans import interpolated
 from tombo_logs.checks.wind import DRAG_KNOWN, USUAL_DRAG, Push, push_of
 
-HOVER_SPEED = 1000.0
-"""rad/s that stands for hover: only thrust counts, speeds are a way to write it."""
 _SLOWEST, _FASTEST = 0.1, 2.5
 """Speeds of the rotors over that in hover."""
 _FEWEST = 10
@@ -135,7 +134,7 @@ def push_in(log: Flight) -> Push | None:
     if "attitude" not in series:
         return None
     gyro, accel = series.get("gyro"), series.get("accel")
-    motion = motion_of(series["position"], series["attitude"], gyro, accel, list(log.exclude))
+    motion = poses_and_imu(series["position"], series["attitude"], gyro, accel, list(log.exclude))
     return push_of(motion, series["position"])
 
 

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from tombo_diagnosis.engine.cause_estimates import gain_of, rms
 from tombo_diagnosis.engine.model import Explanation, SearchResult
@@ -25,13 +24,14 @@ from tombo_diagnosis.flight.fit.prediction import (
 )
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.fit.sensitivity import with_scatter
-from tombo_diagnosis.flight.fit.track import FAST_WIDTH, TICK
+from tombo_diagnosis.flight.fit.track import TICK
 from tombo_diagnosis.flight.nominal import SCATTER, SCATTER_LABEL
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_flight.extended_model import Gain
 from tombo_flight.progress import no_progress
+from tombo_logs.checks.even_flight import IMU_WIDTH, smooth
 from tombo_sim.inverse_simulation import open_loop
 
 HORIZONS_S = (0.5, 1.0)
@@ -260,12 +260,12 @@ def _smooth(state: Array, rates_measured: bool) -> Array:
 
     Nor are its rates, where they are differences of attitudes and not measured.
     """
-    smooth = state.copy()
+    motion = state.copy()
     columns = [(slice(0, 6), _VELOCITY_WIDTH)]
-    columns += [] if rates_measured else [(slice(10, 13), FAST_WIDTH)]
+    columns += [] if rates_measured else [(slice(10, 13), IMU_WIDTH)]
     for where, width in columns:
-        smooth[:, where] = gaussian_filter1d(state[:, where], width / TICK, axis=0)
-    return smooth
+        motion[:, where] = smooth(state[:, where], width, TICK)
+    return motion
 
 
 def gain_by_effect(problem: FlightProblem, result: SearchResult) -> dict[str, float]:

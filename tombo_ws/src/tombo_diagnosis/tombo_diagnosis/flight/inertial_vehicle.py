@@ -16,9 +16,9 @@ from tombo_diagnosis.flight.fit.inertial_fit import (
     Prediction,
     deviations,
     fit_inertial,
+    inertial_flight,
     known_before,
     predict,
-    samples_of,
 )
 from tombo_diagnosis.wording import figure
 from tombo_dynamics.vehicle import DriveParams
@@ -53,7 +53,7 @@ def inertial_vehicle(logs: Sequence[Flight], base: VehicleFile) -> InertialVehic
     Raises:
         InputError: a flight lacks a channel, or is too short.
     """
-    flights = [samples_of(log) for log in logs]
+    flights = [inertial_flight(log) for log in logs]
     vehicle = base.vehicle
     mass, arm = vehicle.mass, vehicle.arm_length
     fit = fit_inertial(flights, mass, arm)

@@ -12,7 +12,6 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from tombo_bag.flight import Flight
-from tombo_diagnosis.change.comparison import SESSION_SCATTER
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameter
 from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, Fit, FreeParameter, solve
 from tombo_diagnosis.flight.analyse import select_noise_fits
@@ -24,6 +23,7 @@ from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, track_o
 from tombo_diagnosis.flight.noise import fit_noise_effects
 from tombo_diagnosis.flight.nominal import SCATTER_LABEL, held_against, nominal_model
 from tombo_diagnosis.flight.residual_check import ScaleVariances, residual_variances
+from tombo_diagnosis.rotor_demand import SESSION_SCATTER
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import from_mapping

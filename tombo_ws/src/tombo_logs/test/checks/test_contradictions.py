@@ -11,7 +11,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import check_log, imu
-from tombo_logs.checks.motion import in_body, motion_of
+from tombo_logs.checks.even_flight import in_body, poses_and_imu
 from tombo_px4.frames import ned_from_enu, px4_quaternion
 
 FLIGHT = made_flight()
@@ -221,4 +221,4 @@ def moving(attitude, rates):
     """The motion of the flight with other attitudes and rates."""
     s = FLIGHT.series
     poses = s["position"], Series(s["attitude"].t, unwrap_quaternions(attitude))
-    return motion_of(*poses, Series(s["gyro"].t, rates), None, [(0.0, 4.0), (16.0, 20.0)])
+    return poses_and_imu(*poses, Series(s["gyro"].t, rates), None, [(0.0, 4.0), (16.0, 20.0)])

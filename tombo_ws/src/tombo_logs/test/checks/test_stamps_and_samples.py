@@ -8,7 +8,7 @@ from tombo_bag.flight import Series
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
 from tombo_logs.checks.clocks.clock_rates import lag_course
-from tombo_logs.checks.motion import RATE
+from tombo_logs.checks.even_flight import RATE
 from tombo_logs.checks.pipeline import _motion
 from tombo_logs.checks.pose_imu_consistency import time_offset
 

@@ -13,7 +13,7 @@ from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.clocks.timestamps import jitter
-from tombo_logs.checks.motion import WIDTH
+from tombo_logs.checks.even_flight import POSE_WIDTH
 from tombo_logs.checks.spans import block_means, runs, sample_interval
 from tombo_logs.readers.frames import is_usable
 
@@ -59,7 +59,7 @@ def accel_events(accel: Series, p_t: Array, p_acceleration: Array) -> list[Event
     usual = median_filter(a, (width, 1), mode="nearest")
     spike = np.linalg.norm(a - usual, axis=1)
     # smoothed as the track is: a short push is in both, but not at the same height
-    size = np.linalg.norm(gaussian_filter1d(a, WIDTH / (step * every), axis=0), axis=1)
+    size = np.linalg.norm(gaussian_filter1d(a, POSE_WIDTH / (step * every), axis=0), axis=1)
     seen = np.interp(t, p_t, p_acceleration) if p_t.size else np.full(t.size, GRAVITY)
     events = []
     for begin, _ in runs(spike > _SPIKE):

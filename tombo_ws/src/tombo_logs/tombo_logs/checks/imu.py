@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.motion import Motion
+from tombo_logs.checks.even_flight import EvenFlight
 from tombo_logs.checks.pose_imu_consistency import (
     Alignment,
     alignment,
@@ -72,7 +72,7 @@ def check_accel(flight: str, accel: Series, flying: Mask) -> list[Finding]:
     return [Finding("frame", "fault", flight, text, channel="accel")]
 
 
-def check_accel_axes(flight: str, motion: Motion) -> list[Finding]:
+def check_accel_axes(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report an accelerometer whose x and y are swapped or reversed; a fault drops it."""
     seen = drag_correlations(motion)
     if seen is None:
@@ -93,7 +93,7 @@ def check_accel_axes(flight: str, motion: Motion) -> list[Finding]:
     return [Finding("frame", "fault", flight, text, channel="accel")]
 
 
-def gyro_about_map(flight: str, motion: Motion) -> list[Finding]:
+def gyro_about_map(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report a gyro whose rates are about the axes of map, not of base_link.
 
     The attitude turns one into the other, without anything to fit: no constant turn of the IMU
@@ -104,7 +104,7 @@ def gyro_about_map(flight: str, motion: Motion) -> list[Finding]:
     together = alignment(motion, lag)
     if together is None:
         return []
-    good, t = motion.good, motion.t
+    good, t = motion.valid, motion.t
     in_map = Rotation.from_quat(motion.attitude).apply(motion.rates)
     gyro = motion.gyro[good] - motion.gyro[good].mean(axis=0)
     left = []
@@ -125,7 +125,7 @@ def gyro_about_map(flight: str, motion: Motion) -> list[Finding]:
     return [Finding("frame", "warning", flight, text, channel="gyro")]
 
 
-def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None]:
+def check_gyro(flight: str, motion: EvenFlight) -> tuple[list[Finding], float | None]:
     """Report what contradicts rates in rad/s about base_link (FLU), and when stamps are late.
 
     Returns the findings and the size of the gyro's rates against those of the attitude.
@@ -153,12 +153,12 @@ def check_gyro(flight: str, motion: Motion) -> tuple[list[Finding], float | None
     return findings, together.scale
 
 
-def _check_gyro_scale(flight: str, motion: Motion) -> tuple[list[Finding], float | None]:
+def _check_gyro_scale(flight: str, motion: EvenFlight) -> tuple[list[Finding], float | None]:
     """Report that rates are far above those of the attitude, where their course tells nothing."""
-    if not motion.gyro.size or np.count_nonzero(motion.good) < 50:
+    if not motion.gyro.size or np.count_nonzero(motion.valid) < 50:
         return [], None
     rates, gyro = (
-        float(np.median(np.linalg.norm(x[motion.good] - x[motion.good].mean(0), axis=1)))
+        float(np.median(np.linalg.norm(x[motion.valid] - x[motion.valid].mean(0), axis=1)))
         for x in (motion.rates, motion.gyro)
     )
     ratio = gyro / max(rates, 1e-6)

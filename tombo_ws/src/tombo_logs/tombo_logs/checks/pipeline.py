@@ -15,8 +15,8 @@ from tombo_logs.checks import coverage, events, frozen_values, impacts, imu, pos
 from tombo_logs.checks.clocks.clock_rates import common_clock
 from tombo_logs.checks.clocks.gaps import gaps
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
+from tombo_logs.checks.even_flight import EvenFlight, in_body, poses_and_imu
 from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
-from tombo_logs.checks.motion import Motion, in_body, motion_of
 from tombo_logs.checks.recording import drop_faulty, recorded
 from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.change_points import changes
@@ -180,17 +180,17 @@ def _spans(findings: Iterable[Finding]) -> list[Span]:
     ]
 
 
-def _motion(series: dict[str, Series], apart: list[Span]) -> Motion | None:
+def _motion(series: dict[str, Series], apart: list[Span]) -> EvenFlight | None:
     """Return the motion by poses and IMU; None: the attitude is not known."""
     if "attitude" not in series:
         return None
-    return motion_of(
+    return poses_and_imu(
         series["position"], series["attitude"], series.get("gyro"), series.get("accel"), apart
     )
 
 
 def _impacts(
-    flight: str, series: dict[str, Series], motion: Motion | None, findings: list[Finding]
+    flight: str, series: dict[str, Series], motion: EvenFlight | None, findings: list[Finding]
 ) -> list[Finding]:
     down = [(f.start_s, f.end_s) for f in findings if f.check == "ground"]
     times = series["position"].t

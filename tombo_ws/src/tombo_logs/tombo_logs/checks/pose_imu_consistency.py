@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.motion import INDEPENDENT, RATE, Motion
+from tombo_logs.checks.even_flight import INDEPENDENT, RATE, EvenFlight
 from tombo_logs.checks.spans import Mask, interpolated, peak_offset
 
 _EXCITED = 0.04
@@ -50,14 +50,14 @@ class TimeOffset:
     sigma: float
 
 
-def time_offset(motion: Motion) -> TimeOffset | None:
+def time_offset(motion: EvenFlight) -> TimeOffset | None:
     """Return the lag of best agreement between gyro and rates of the attitude.
 
     Only sizes are compared where axes may be wrong; None where nothing turns.
     """
-    if not motion.gyro.size or np.count_nonzero(motion.good) < 100:
+    if not motion.gyro.size or np.count_nonzero(motion.valid) < 100:
         return None
-    usable = motion.good
+    usable = motion.valid
     rates = motion.rates - motion.rates[usable].mean(axis=0)
     gyro = motion.gyro - motion.gyro[usable].mean(axis=0)
     if _rms(rates[usable]) < _EXCITED:
@@ -77,11 +77,11 @@ def time_offset(motion: Motion) -> TimeOffset | None:
     return TimeOffset(float(lag), float(noise / max(sharp, 1e-9)))
 
 
-def alignment(motion: Motion, lag: float) -> Alignment | None:
+def alignment(motion: EvenFlight, lag: float) -> Alignment | None:
     """Return how gyro and rates of the attitude go together once the lag is taken out."""
-    if not motion.gyro.size or np.count_nonzero(motion.good) < 100:
+    if not motion.gyro.size or np.count_nonzero(motion.valid) < 100:
         return None
-    usable = motion.good
+    usable = motion.valid
     t = motion.t
     shifted = interpolated(t + lag, t, motion.rates)
     w, g = _centred(shifted[usable]), _centred(motion.gyro[usable])
@@ -106,12 +106,12 @@ def alignment(motion: Motion, lag: float) -> Alignment | None:
     return Alignment(scale, turn, mirrored, angle, float(sigma), _explained(left, g))
 
 
-def tilt_response(motion: Motion) -> tuple[Array, float] | None:
+def tilt_response(motion: EvenFlight) -> tuple[Array, float] | None:
     """Return (2, 2): horizontal acceleration per horizontal lean, over gravity; and its share.
 
     A multirotor is pushed along its body z: the identity is expected. None without excitation.
     """
-    up, acceleration = motion.up[motion.good], motion.acceleration[motion.good, :2]
+    up, acceleration = motion.up[motion.valid], motion.acceleration[motion.valid, :2]
     if len(acceleration) < 100:
         return None
     expected = _centred(_lean(up) * GRAVITY)
@@ -123,7 +123,7 @@ def tilt_response(motion: Motion) -> tuple[Array, float] | None:
 
 
 def lean_explains(
-    motion: Motion, rows: NDArray[np.intp], axes: Array | None = None, inverse: bool = False
+    motion: EvenFlight, rows: NDArray[np.intp], axes: Array | None = None, inverse: bool = False
 ) -> float:
     """Return the share of the horizontal acceleration that thrust along body z explains.
 
@@ -137,13 +137,13 @@ def lean_explains(
     return _explained(acceleration - expected, acceleration)
 
 
-def vertical_response(motion: Motion) -> tuple[float, float] | None:
+def vertical_response(motion: EvenFlight) -> tuple[float, float] | None:
     """Return the track's vertical acceleration over that given by thrust, and its deviation.
 
     1 is expected. Thrust is told by the accelerometer, or else by the horizontal acceleration: a
     lean of l (2,) gives (g + z'') l. None where nothing accelerates.
     """
-    usable = motion.good
+    usable = motion.valid
     if np.count_nonzero(usable) < 100:
         return None
     besides: Array = np.ones((np.count_nonzero(usable), 1))
@@ -166,17 +166,17 @@ def vertical_response(motion: Motion) -> tuple[float, float] | None:
     return slope, left * float(np.sqrt(INDEPENDENT / size))
 
 
-def drag_correlations(motion: Motion) -> Array | None:
+def drag_correlations(motion: EvenFlight) -> Array | None:
     """Return (2, 2): correlations of the accelerometer's x and y with the poses' specific force.
 
     Row: axis of the accelerometer, column: body axis. Thrust is along z: what is left is drag,
     faint and slow, but seen by both. None without drag.
     """
-    if not motion.accel.size or np.count_nonzero(motion.good) < 100:
+    if not motion.accel.size or np.count_nonzero(motion.valid) < 100:
         return None
     force = motion.acceleration + np.array([0.0, 0.0, GRAVITY])
     poses = Rotation.from_quat(motion.attitude).inv().apply(force)[:, :2]
-    usable = gaussian_filter1d((~motion.good).astype(np.float64), _DRAG_WIDTH) < 0.01
+    usable = gaussian_filter1d((~motion.valid).astype(np.float64), _DRAG_WIDTH) < 0.01
     slow = [gaussian_filter1d(v, _DRAG_WIDTH, axis=0) for v in (motion.accel[:, :2], poses)]
     if np.count_nonzero(usable) < 100 or min(v[usable].std(axis=0).min() for v in slow) < _DRAG:
         return None
@@ -184,15 +184,15 @@ def drag_correlations(motion: Motion) -> Array | None:
     return np.asarray(accel.T @ expected / len(accel))
 
 
-def force_response(motion: Motion) -> tuple[Array, float] | None:
+def force_response(motion: EvenFlight) -> tuple[Array, float] | None:
     """Return (3, 3): the turn from the accelerometer's reading in map to the track's acceleration.
 
     Also the share of the track's acceleration that it explains. Drag and wind are in both: no
     turn is expected. None without excitation along two axes.
     """
-    if not motion.accel.size or np.count_nonzero(motion.good) < 100:
+    if not motion.accel.size or np.count_nonzero(motion.valid) < 100:
         return None
-    usable = motion.good
+    usable = motion.valid
     expected = _centred(Rotation.from_quat(motion.attitude[usable]).apply(motion.accel[usable]))
     acceleration = _centred(motion.acceleration[usable])
     if max(_rms(expected), _rms(acceleration)) < 0.2:

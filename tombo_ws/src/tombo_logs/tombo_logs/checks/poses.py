@@ -10,7 +10,7 @@ import numpy as np
 from tombo_bag.flight import RefusedLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.motion import Motion
+from tombo_logs.checks.even_flight import EvenFlight
 from tombo_logs.checks.pose_imu_consistency import (
     force_response,
     lean_explains,
@@ -50,9 +50,9 @@ def check_values(flight: str, series: Mapping[str, Series]) -> None:
             raise RefusedLog(flight, "attitude", text)
 
 
-def check_tilt(flight: str, motion: Motion) -> None:
+def check_tilt(flight: str, motion: EvenFlight) -> None:
     """Refuse attitudes that lean far for long while the track is calm."""
-    usable = motion.good
+    usable = motion.valid
     if np.count_nonzero(usable) < 50:
         return
     up = motion.up[usable]
@@ -76,13 +76,13 @@ def check_tilt(flight: str, motion: Motion) -> None:
         )
 
 
-def check_lean(flight: str, motion: Motion) -> None:
+def check_lean(flight: str, motion: EvenFlight) -> None:
     """Refuse poses whose track goes with its lean only once one of them is turned over.
 
     Thrust along body z gives the track's horizontal acceleration. Tried are the inverse attitude,
     and the track with axes swapped or reversed.
     """
-    rows = np.flatnonzero(motion.good)
+    rows = np.flatnonzero(motion.valid)
     if rows.size < 100:
         return
     share = lean_explains(motion, rows)
@@ -116,9 +116,11 @@ def _are_right(share: float, other: float) -> bool:
     return other > _EXPLAINED and 1.0 - other < _CONTRADICTED * (1.0 - share)
 
 
-def _right_throughout(motion: Motion, axes: Array | None = None, inverse: bool = False) -> bool:
+def _right_throughout(
+    motion: EvenFlight, axes: Array | None = None, inverse: bool = False
+) -> bool:
     """Return whether other axes are the right ones in each part of the flight that accelerates."""
-    rows = np.flatnonzero(motion.good)
+    rows = np.flatnonzero(motion.valid)
     least = motion.acceleration[rows, :2].std() / _PARTS
     return all(
         _are_right(lean_explains(motion, part), lean_explains(motion, part, axes, inverse))
@@ -127,7 +129,7 @@ def _right_throughout(motion: Motion, axes: Array | None = None, inverse: bool =
     )
 
 
-def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> None:
+def check_poses(flight: str, motion: EvenFlight, scale: float | None, imu: bool) -> None:
     """Refuse poses whose position and attitude contradict each other.
 
     `scale` is the size of the gyro's rates against those of the attitude, None: not known; `imu`
@@ -155,7 +157,7 @@ def check_poses(flight: str, motion: Motion, scale: float | None, imu: bool) -> 
             _check_axes(flight, (u @ vt, lean[1]), 120.0, "the attitude leans")
 
 
-def _size(motion: Motion) -> float:
+def _size(motion: EvenFlight) -> float:
     """Return how much the track accelerates against what its lean gives; 1: not known."""
     response = tilt_response(motion)
     if response is None or response[1] < 0.3:
@@ -163,8 +165,8 @@ def _size(motion: Motion) -> float:
     return float(np.linalg.norm(response[0]) / np.sqrt(2.0))
 
 
-def _check_size(flight: str, motion: Motion, size: float) -> None:
-    usable = motion.good
+def _check_size(flight: str, motion: EvenFlight, size: float) -> None:
+    usable = motion.valid
     if np.count_nonzero(usable) < 50 or _SIZES[0] < size < _SIZES[1]:
         return
     usual = float(np.median(np.linalg.norm(motion.acceleration[usable], axis=1)))
@@ -230,7 +232,7 @@ def check_height(flight: str, position: Series, drive: Array) -> None:
         )
 
 
-def check_up(flight: str, motion: Motion) -> None:
+def check_up(flight: str, motion: EvenFlight) -> None:
     """Refuse a track whose z accelerates downwards where thrust pushes it up."""
     response = vertical_response(motion)
     if response is None:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
-from tombo_logs.checks.motion import INDEPENDENT, Motion
+from tombo_logs.checks.even_flight import INDEPENDENT, EvenFlight
 from tombo_logs.checks.spans import Mask, interpolated
 
 _SIGMAS = 3.0
@@ -35,7 +35,7 @@ _ROTOR_SCALE = 1.18
 and the scatter of small motors, stay within."""
 
 
-def gyro_scales(flight: str, motion: Motion, late_s: float) -> list[Finding]:
+def gyro_scales(flight: str, motion: EvenFlight, late_s: float) -> list[Finding]:
     """Report axes of the gyro that read another rate than the attitude has.
 
     Args:
@@ -43,7 +43,7 @@ def gyro_scales(flight: str, motion: Motion, late_s: float) -> list[Finding]:
         motion: of poses and IMU.
         late_s: delay of the poses' stamps against the gyro's.
     """
-    good = motion.good
+    good = motion.valid
     if not motion.gyro.size or np.count_nonzero(good) < _FEWEST:
         return []
     rates = interpolated(motion.t + late_s, motion.t, motion.rates)
@@ -64,9 +64,9 @@ def gyro_scales(flight: str, motion: Motion, late_s: float) -> list[Finding]:
     return findings
 
 
-def accel_offsets(flight: str, motion: Motion) -> list[Finding]:
+def accel_offsets(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report axes of the accelerometer that on average read another force than the poses give."""
-    good = motion.good
+    good = motion.valid
     if not motion.accel.size or np.count_nonzero(good) < _FEWEST:
         return []
     force = motion.acceleration[good] + np.array([0.0, 0.0, GRAVITY])
@@ -88,9 +88,9 @@ def accel_offsets(flight: str, motion: Motion) -> list[Finding]:
     return findings
 
 
-def track_scales(flight: str, motion: Motion) -> list[Finding]:
+def track_scales(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report axes of the map along which the track accelerates otherwise than the IMU says."""
-    good = motion.good
+    good = motion.valid
     if not motion.accel.size or np.count_nonzero(good) < _FEWEST:
         return []
     expected = Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good])

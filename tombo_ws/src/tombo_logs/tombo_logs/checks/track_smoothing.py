@@ -15,7 +15,7 @@ from filterpy.kalman import KalmanFilter
 
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
-from tombo_logs.checks.spans import interpolated, thinned
+from tombo_logs.checks.spans import thinned
 
 _STEP_S: Final = 0.01
 """Faster positions are averaged to this step: the filter takes 0.1 ms a sample."""
@@ -48,10 +48,6 @@ class SmoothTrack:
     """(N, 3, 3) of position, velocity and acceleration along an axis; alike for the three axes."""
     noise: float
     """Standard deviation of a position [m]."""
-
-    def acceleration_at(self, t: Array) -> Array:
-        """Return the acceleration at other times, (M, 3)."""
-        return interpolated(t, self.t, self.acceleration)
 
 
 def position_noise(position: Array) -> float:

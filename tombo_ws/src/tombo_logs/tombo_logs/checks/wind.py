@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.motion import RATE, WIDTH, Motion
+from tombo_logs.checks.even_flight import POSE_WIDTH, RATE, EvenFlight
 from tombo_logs.checks.spans import block_means, interpolated
 
 _BLOCK_S = 0.24
@@ -72,7 +72,7 @@ class Push:
         return float(np.linalg.norm(self.steady))
 
 
-def wind(flight: str, motion: Motion, position: Series, mass: float | None) -> list[Finding]:
+def wind(flight: str, motion: EvenFlight, position: Series, mass: float | None) -> list[Finding]:
     """Report wind with its force, its swing, and its speed where drag is known.
 
     Args:
@@ -105,14 +105,14 @@ def wind(flight: str, motion: Motion, position: Series, mass: float | None) -> l
     return [Finding("wind", "warning", flight, text)]
 
 
-def push_of(motion: Motion, position: Series) -> Push | None:
+def push_of(motion: EvenFlight, position: Series) -> Push | None:
     """Fit steady and swinging push, drag and offsets; None: too short a flight."""
     block = round(_BLOCK_S * RATE)
-    good = block_means(motion.good.astype(np.float64), block) > 0.99
+    good = block_means(motion.valid.astype(np.float64), block) > 0.99
     if np.count_nonzero(good) * _BLOCK_S < _SHORTEST_S:
         return None
     track = interpolated(motion.t, position.t, position.values[:, :2])
-    speed = gaussian_filter1d(track, WIDTH * RATE, axis=0, order=1) * RATE
+    speed = gaussian_filter1d(track, POSE_WIDTH * RATE, axis=0, order=1) * RATE
     t, speed = block_means(motion.t, block)[good], block_means(speed, block)[good]
     turn = np.asarray(Rotation.from_quat(motion.attitude).as_matrix())
     ahead = block_means(turn[:, :2, 0], block)[good]
@@ -121,7 +121,7 @@ def push_of(motion: Motion, position: Series) -> Push | None:
     return _fitted(t, forces, speed, ahead)
 
 
-def _pushes(motion: Motion, turn: Array) -> list[Array]:
+def _pushes(motion: EvenFlight, turn: Array) -> list[Array]:
     """Return the horizontal force per mass in map (N, 2): by the poses, by the accelerometer.
 
     `turn`: rotation matrices (N, 3, 3) of the attitude, map from body.

@@ -19,22 +19,20 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion, gaussian_filter1d
+from scipy.ndimage import binary_erosion
 from scipy.signal import lfilter
 
 from tombo_bag.flight import Flight
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, DriveParams
+from tombo_logs.checks.even_flight import INERTIAL_WIDTH, EvenFlight, smooth
 from tombo_logs.checks.spans import interpolated
 
 NEEDED = ("gyro", "accel", "motor_command")
 _RATE = 1000.0
 _EVERY = 5
 """Rows of the even clock for each that is fitted."""
-_WIDTH_S = 0.01
-"""Standard deviation of the Gaussian that both sides of an equation pass."""
 _CARRIES = 0.5
 """Share of the usual command from which on the vehicle flies."""
 _KNOCK = 2.5 * GRAVITY
@@ -75,24 +73,8 @@ class Prediction:
     """Of the specific force along the thrust [m/s²]."""
 
 
-@dataclass(frozen=True)
-class InertialSamples:
-    """A flight on one clock of 1 kHz."""
-
-    t: Array
-    """(N,) [s]"""
-    command: Array
-    """(N, 4) from 0 to 1."""
-    rates: Array
-    """(N, 3) [rad/s]"""
-    force: Array
-    """(N,) specific force along the thrust [m/s²]."""
-    good: NDArray[np.bool_]
-    """(N,) it flies, and nothing knocks."""
-
-
-def samples_of(log: Flight) -> InertialSamples:
-    """Return the channels of a log on one clock, and when it flies.
+def inertial_flight(log: Flight) -> EvenFlight:
+    """Return `NEEDED` of a log on a clock of 1 kHz; rows count while it flies, and nothing knocks.
 
     Raises:
         InputError: a channel is missing, or it flies for less than `_LEAST_S`.
@@ -105,13 +87,14 @@ def samples_of(log: Flight) -> InertialSamples:
         )
     series = [log.series[name] for name in NEEDED]
     begin, end = max(s.t[0] for s in series), min(s.t[-1] for s in series)
-    t = np.arange(begin, end, 1.0 / _RATE)
-    if t.size < _LEAST_S * _RATE or t.size > 3600.0 * _RATE:
+    if not _LEAST_S <= end - begin <= 3600.0:
         raise InputError(
             f"flight '{log.name}': {max(end - begin, 0.0):.1f} s; accepted: {_LEAST_S:g} s to 1 h"
         )
-    rates, accel, command = (interpolated(t, s.t, s.values) for s in series)
-    mean = command.mean(axis=1)
+    t = np.arange(begin, end, 1.0 / _RATE)
+    values = (interpolated(t, s.t, s.values) for s in series)
+    channels = dict(zip(NEEDED, values, strict=True))
+    accel, mean = channels["accel"], channels["motor_command"].mean(axis=1)
     flies = mean > _CARRIES * np.percentile(mean, 80.0)
     flies &= np.linalg.norm(accel, axis=1) < _KNOCK
     good = binary_erosion(flies, np.ones(round(2.0 * _APART_S * _RATE)))
@@ -120,11 +103,11 @@ def samples_of(log: Flight) -> InertialSamples:
             f"flight '{log.name}': it flies for {np.count_nonzero(good) / _RATE:.1f} s; accepted: "
             f"{_LEAST_S:g} s or more"
         )
-    return InertialSamples(t, command, rates, accel[:, 2], np.asarray(good))
+    return EvenFlight(t, channels, np.asarray(good))
 
 
 def fit_inertial(
-    flights: Sequence[InertialSamples], mass: float, arm: float, simple: bool = False
+    flights: Sequence[EvenFlight], mass: float, arm: float, simple: bool = False
 ) -> InertialFit:
     """Fit a vehicle of known mass [kg] and arms [m].
 
@@ -140,22 +123,17 @@ def fit_inertial(
 
 
 def _fit_at(
-    flights: Sequence[InertialSamples],
-    mass: float,
-    arm: float,
-    lag: float,
-    delay: float,
-    simple: bool,
+    flights: Sequence[EvenFlight], mass: float, arm: float, lag: float, delay: float, simple: bool
 ) -> tuple[InertialFit, float]:
     """Return the fit with a lag and a delay, and the logarithm of what is left of all."""
-    lagged = [_lagged(s.command, lag, delay) for s in flights]
-    rows = [np.flatnonzero(s.good)[::_EVERY] for s in flights]
+    lagged = [_lagged(s.channels["motor_command"], lag, delay) for s in flights]
+    rows = [np.flatnonzero(s.valid)[::_EVERY] for s in flights]
     powers = [
         np.column_stack([np.full(len(v), 4.0), v.sum(axis=1), (v**2).sum(axis=1)]) for v in lagged
     ]
     design = np.vstack([_smooth(p)[r] for p, r in zip(powers, rows, strict=True)])
     force = mass * np.concatenate(
-        [_smooth(s.force)[r] for s, r in zip(flights, rows, strict=True)]
+        [_smooth(s.accel[:, 2])[r] for s, r in zip(flights, rows, strict=True)]
     )
     curve, left = _curve(design, force)
     drive = DriveParams(gain=float(curve[1]), offset=float(curve[0]), curvature=float(curve[2]))
@@ -168,7 +146,7 @@ def _fit_at(
             ]
         )
         y = np.concatenate(
-            [_smooth(s.rates[:, axis], 1)[r] for s, r in zip(flights, rows, strict=True)]
+            [_smooth(s.gyro[:, axis], 1)[r] for s, r in zip(flights, rows, strict=True)]
         )
         u, v = x - x.mean(), y - y.mean()
         cross = max(float(u @ v), 1e-30)
@@ -208,34 +186,33 @@ def _lagged(command: Array, lag: float, delay: float) -> Array:
 
 
 def _smooth(values: Array, order: int = 0) -> Array:
-    sigma = _WIDTH_S * _RATE
-    return np.asarray(gaussian_filter1d(values, sigma, axis=0, order=order) * _RATE**order)
+    return smooth(values, INERTIAL_WIDTH, 1.0 / _RATE, order)
 
 
-def predict(fit: InertialFit, flight: InertialSamples, mass: float, arm: float) -> Prediction:
+def predict(fit: InertialFit, flight: EvenFlight, mass: float, arm: float) -> Prediction:
     """Return the open-loop errors on a flight: rates from where they are, `HORIZONS_S` on."""
-    lagged = _lagged(flight.command, fit.lag, fit.delay)
+    lagged = _lagged(flight.channels["motor_command"], fit.lag, fit.delay)
     turned = np.cumsum(_moment(fit.drive, lagged, arm) / fit.inertia, axis=0) / _RATE
     before, after = round(_TRIM_S * _RATE), round(max(HORIZONS_S) * _RATE)
-    rates = _smooth(flight.rates)[:, :2]
+    rates = _smooth(flight.gyro)[:, :2]
     begins = range(before, flight.t.size - after, after // 5)
-    starts = np.array([s for s in begins if flight.good[s - before : s + after].all()], np.intp)
+    starts = np.array([s for s in begins if flight.valid[s - before : s + after].all()], np.intp)
     trim = rates[starts] - rates[starts - before] - turned[starts] + turned[starts - before]
     errors = []
     for horizon in HORIZONS_S:
         end = starts + round(horizon * _RATE)
         state = rates[starts] + turned[end] - turned[starts] + trim * horizon / _TRIM_S
         errors.append(_rms(state - rates[end]))
-    force = _smooth(fit.drive.thrust(lagged).sum(axis=1)) / mass - _smooth(flight.force)
-    return Prediction(tuple(errors), _rms(force[flight.good]))
+    force = _smooth(fit.drive.thrust(lagged).sum(axis=1)) / mass - _smooth(flight.accel[:, 2])
+    return Prediction(tuple(errors), _rms(force[flight.valid]))
 
 
 def known_before(
-    flights: Sequence[InertialSamples], mass: float, inertia: Array, lag: float
+    flights: Sequence[EvenFlight], mass: float, inertia: Array, lag: float
 ) -> InertialFit:
     """Return the vehicle as it was known: thrust in proportion to what carries it in the mean."""
-    command = np.concatenate([s.command[s.good].mean(axis=1) for s in flights])
-    force = np.concatenate([s.force[s.good] for s in flights])
+    command = np.concatenate([s.channels["motor_command"][s.valid].mean(axis=1) for s in flights])
+    force = np.concatenate([s.accel[s.valid, 2] for s in flights])
     gain = 0.25 * mass * float(force.mean() / command.mean())
     bounds = np.column_stack([inertia, inertia])
     return InertialFit(DriveParams(gain=gain), lag, 0.0, inertia, bounds)
@@ -245,9 +222,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
-def deviations(
-    flights: Sequence[InertialSamples], mass: float, arm: float, fit: InertialFit
-) -> Array:
+def deviations(flights: Sequence[EvenFlight], mass: float, arm: float, fit: InertialFit) -> Array:
     """Return the deviations of thrust and both moments of inertia, as shares (3,).
 
     By leaving out parts of the flights (jackknife), at the lag and the delay of the fit.
@@ -256,10 +231,10 @@ def deviations(
     for k in range(_PARTS):
         parts = []
         for s in flights:
-            good = s.good.copy()
+            good = s.valid.copy()
             begin, end = np.quantile(np.flatnonzero(good), [k / _PARTS, (k + 1) / _PARTS])
             good[int(begin) : int(end)] = False
-            parts.append(replace(s, good=good))
+            parts.append(replace(s, valid=good))
         part, _ = _fit_at(parts, mass, arm, fit.lag, fit.delay, False)
         hover = float(part.drive.thrust(np.full((1, 4), _HOVER)).sum())
         values.append([hover, *part.inertia])

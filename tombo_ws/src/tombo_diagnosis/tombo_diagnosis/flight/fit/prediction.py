@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.flight.fit.track import FAST_WIDTH, SLOW_WIDTH, WIND, Track, smoothed
+from tombo_diagnosis.flight.fit.track import WIND, Track, smoothed
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
@@ -22,12 +22,11 @@ from tombo_dynamics.effects.compose import layout, null_theta
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_logs.checks.even_flight import CROSSOVER_WIDTH, IMU_WIDTH, POSE_WIDTH, smooth
 from tombo_sim.inverse_simulation import ImposedTick, run_along_motion, simulate_mocap
 
 NO_NOISE = np.zeros((1, 9))
 """No noise."""
-_CROSSOVER_WIDTH = 0.1
-"""s: width of the Gaussian below which the motion is the IMU's, above which that of the poses."""
 _AXES = ("x", "y", "z")
 _MOCAP = sorted(
     index
@@ -128,8 +127,7 @@ def motion_of(track: Track, nominal: NominalModel, theta: Array) -> MotionOfPose
     rates = 2.0 * turn[:, :3]
     # The gyro is the better one; what it is off by is compared in a channel of its own.
     body = track.gyro if track.gyro.size else rates
-    tick = float(track.t[1] - track.t[0])
-    turning = gaussian_filter1d(body, FAST_WIDTH / tick, axis=0, order=1) / tick
+    turning = smooth(body, IMU_WIDTH, track.step, order=1)
     state = np.column_stack([*_smooth_path(track, value[:, :3], rotation), q, body, turning])
     return MotionOfPoses(state, value[:, :3], rates, rotation, seen[:, 7] - seen[:, 9])
 
@@ -141,22 +139,18 @@ def _smooth_path(track: Track, position: Array, rotation: Array) -> tuple[Array,
     force that follows the velocity, or a thread that is stretched, turns noise of the poses into
     noise of the regressors, and what is fitted comes out too small.
     """
-    tick = float(track.t[1] - track.t[0])
-    width = SLOW_WIDTH / tick
+    tick = track.step
+    width = POSE_WIDTH / tick
     velocity_imu = position_imu = np.zeros_like(position)
     if track.formulation == "imu":
-        width = _CROSSOVER_WIDTH / tick
+        width = CROSSOVER_WIDTH / tick
         force = np.einsum("nij,nj->ni", rotation, track.accel)
-        velocity_imu = _integral(force - np.array([0.0, 0.0, GRAVITY]), tick)
-        position_imu = _integral(velocity_imu, tick)
+        velocity_imu = cumulative_trapezoid(
+            force - np.array([0.0, 0.0, GRAVITY]), dx=tick, axis=0, initial=0.0
+        )
+        position_imu = cumulative_trapezoid(velocity_imu, dx=tick, axis=0, initial=0.0)
     slow = smoothed(position - position_imu, width)
     return position_imu + slow, velocity_imu + np.gradient(slow, tick, axis=0)
-
-
-def _integral(values: Array, tick: float) -> Array:
-    """Return the integral of rows (N, k) over time from the first one, by trapezoids."""
-    steps = 0.5 * tick * (values[1:] + values[:-1])
-    return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
 
 
 _SWING = [layout()[WIND][n] for n in ("swing_east", "swing_north", "frequency", "phase")]
@@ -186,10 +180,9 @@ def simulate_along_motion(
     if not command.size:
         hover = speed_for_thrust(nominal.maps, nominal.vehicle.hover_thrust())
         command = np.full((track.t.size, 4), hover)
-    tick = float(track.t[1] - track.t[0])
     run_along_motion(
-        nominal.plant(draws), nominal.maps, with_air(track, theta), noise, tick, motion.state,
-        command, track.speed, out,
+        nominal.plant(draws), nominal.maps, with_air(track, theta), noise, track.step,
+        motion.state, command, track.speed, out,
     )  # fmt: skip
     return out
 

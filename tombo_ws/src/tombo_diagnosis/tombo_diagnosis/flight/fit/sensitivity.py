@@ -218,7 +218,8 @@ def _with_commanded_speeds(
     if not (track.speed.size and track.command.size):
         return track
     speed = simulate_along_motion(track, nominal, theta, motion)["rotor_speed"]
-    return replace(track, speed=np.column_stack([speed, np.gradient(speed, TICK, axis=0)]))
+    both = np.column_stack([speed, np.gradient(speed, TICK, axis=0)])
+    return replace(track, channels={**track.channels, "rotor_speed": both})
 
 
 def _where_noise(replica: _PredictedFlight, p: FreeParameter, change: Groups) -> NDArray[np.bool_]:

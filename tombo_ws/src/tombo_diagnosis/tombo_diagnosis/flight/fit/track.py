@@ -15,6 +15,7 @@ from tombo_bag.flight import Flight, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
+from tombo_logs.checks.even_flight import IMU_WIDTH, POSE_WIDTH, EvenFlight, held_means, resample
 from tombo_logs.checks.spans import Mask, Span, inside, interpolated
 
 _REACH = 4.0
@@ -90,43 +91,10 @@ def rows_of(kernel: Kernel, chosen: Mask) -> Kernel:
     return Kernel(kernel.t[chosen], kernel.reach, *parts)
 
 
-def tick_means(t: Array, values: Array, ticks: Array) -> Array:
-    """Return (N, k): means of a densely sampled series over a tick around each tick.
-
-    A series sampled more slowly than the ticks is interpolated linearly. `t` (M,) rises, `values`
-    are (M, k), `ticks` (N,) are even [s].
-    """
-    tick = float(ticks[1] - ticks[0])
-    if np.median(np.diff(t)) >= tick:
-        return interpolated(ticks, t, values)
-    edges = np.concatenate([ticks - 0.5 * tick, [ticks[-1] + 0.5 * tick]])
-    result = []
-    for column in values.T:
-        steps = 0.5 * (column[1:] + column[:-1]) * np.diff(t)
-        area = np.concatenate([[0.0], np.cumsum(steps)])
-        at = np.interp(edges, t, area)
-        span = np.maximum(np.clip(edges[1:], t[0], t[-1]) - np.clip(edges[:-1], t[0], t[-1]), 1e-9)
-        outside = (ticks < t[0]) | (ticks > t[-1])
-        result.append(np.where(outside, np.interp(ticks, t, column), np.diff(at) / span))
-    return np.column_stack(result)
-
-
-def held_means(t: Array, values: Array, ticks: Array) -> Array:
-    """Return (N, k): means over [tick, next tick) of values that hold until the next one."""
-    tick = float(ticks[1] - ticks[0])
-    edges = np.concatenate([ticks, [ticks[-1] + tick]])
-    steps = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(t)[:, None], 0)])
-    row = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, t.size - 1)
-    area = steps[row] + values[row] * (edges - t[row])[:, None]
-    return np.asarray(np.diff(area, axis=0) / tick)
-
-
 TICK = 0.004
 """[s]"""
-FAST_WIDTH, FAST_SPACING = 0.015, 0.02
-"""Kernel of the IMU and the rotors [s]: up to about 9 Hz."""
-SLOW_WIDTH, SLOW_SPACING = 0.055, 0.06
-"""Kernel of the motion capture [s]: up to about 2.4 Hz, where 30 Hz poses give accelerations."""
+FAST_SPACING, SLOW_SPACING = 0.02, 0.06
+"""Between rows of the kernel of IMU and rotors, and of that of the motion capture [s]."""
 _GAP = 0.12
 """s without a pose that a spline bridges."""
 _TRANSPORT = 0.001
@@ -158,28 +126,19 @@ class Swing:
 
 
 @dataclass(frozen=True)
-class Track:
-    """One flight, ready to be compared with the model."""
+class Track(EvenFlight):
+    """One flight at ticks, ready to be compared with the model.
+
+    Its channels are accel, gyro, rotor_command (speeds asked for), rotor_speed and voltage.
+    """
 
     name: str
-    t: Array
-    """(N,) ticks [s]."""
     pose_t: Array
     """(M,) stamps of the poses [s]."""
     pose: Array
     """(M, 7) as measured."""
     arrival: Array
     """(M,) latency arrival - stamp [s], or (0,)."""
-    accel: Array
-    """(N, 3) or (0, 3)."""
-    gyro: Array
-    """(N, 3) or (0, 3)."""
-    command: Array
-    """(N, 4) rotor speeds asked for [rad/s]; (0, 4): not known."""
-    speed: Array
-    """(N, 8) measured rotor speeds and slopes, or (0, 8)."""
-    voltage: Array
-    """(N, 1) or (0, 1)."""
     fast: Kernel
     slow: Kernel
     fast_rows: Mask
@@ -189,6 +148,21 @@ class Track:
     log: Flight
     swing: Swing | None = None
     """Of the air, that is simulated along it."""
+
+    @property
+    def command(self) -> Array:
+        """(N, 4) rotor speeds asked for [rad/s]; (0, 4): not known."""
+        return self.channels["rotor_command"]
+
+    @property
+    def speed(self) -> Array:
+        """(N, 8) measured rotor speeds and slopes, or (0, 8)."""
+        return self.channels["rotor_speed"]
+
+    @property
+    def voltage(self) -> Array:
+        """(N, 1) or (0, 1)."""
+        return self.channels["voltage"]
 
     @cached_property
     def fast_kernel(self) -> Kernel:
@@ -257,16 +231,17 @@ def track_of(log: Flight) -> Track:
         )
     t = begin + TICK * np.arange(count)
     invalid = inside(t, [*_gaps(pose_t, _GAP), *log.exclude])
-    fast = gaussian(t, FAST_WIDTH, FAST_SPACING)
-    slow = gaussian(t, SLOW_WIDTH, SLOW_SPACING)
-    accel, gaps_a = _sampled(log, "accel", t)
-    gyro, gaps_g = _sampled(log, "gyro", t)
-    speed, gaps_s = _sampled(log, "rotor_speed", t)
+    fast = gaussian(t, IMU_WIDTH, FAST_SPACING)
+    slow = gaussian(t, POSE_WIDTH, SLOW_SPACING)
+    channels = {}
+    for name in ("accel", "gyro", "rotor_speed", "voltage"):
+        channels[name], gaps = _sampled(log, name, t)
+        invalid |= gaps
+    speed = channels["rotor_speed"]
     if speed.size:
-        speed = np.column_stack([speed, np.gradient(speed, TICK, axis=0)])
-    voltage, _ = _sampled(log, "voltage", t)
-    command = _command(log, t)
-    invalid |= gaps_a | gaps_g | gaps_s
+        slopes = np.gradient(speed, TICK, axis=0)
+        channels["rotor_speed"] = np.column_stack([speed, slopes])
+    channels["rotor_command"] = _command(log, t)
     slow_rows = clear_rows(slow, invalid)
     used_s = np.count_nonzero(slow_rows) * SLOW_SPACING
     if used_s < SHORTEST_S:
@@ -276,7 +251,7 @@ def track_of(log: Flight) -> Track:
         )
     counted = np.interp(pose_t, t, invalid.astype(np.float64)) < 0.5
     return Track(
-        log.name, t, pose_t, pose, late, accel, gyro, command, speed, voltage, fast, slow,
+        t, channels, ~invalid, log.name, pose_t, pose, late, fast, slow,
         clear_rows(fast, invalid), slow_rows, counted, log,
     )  # fmt: skip
 
@@ -309,15 +284,16 @@ def _sampled(log: Flight, name: str, t: Array) -> tuple[Array, Mask]:
     if stamps.size < 10:
         return np.zeros((0, width)), np.zeros(t.size, np.bool_)
     longest = max(0.05, 5.0 * float(np.median(np.diff(stamps))))
-    invalid = inside(t, _gaps(stamps, longest))
-    if name != "voltage":
-        invalid |= (t < stamps[0]) | (t > stamps[-1])
-    return tick_means(stamps, values, t), invalid
+    values = resample(Series(stamps, values), t)
+    if name == "voltage":
+        return values, np.zeros(t.size, np.bool_)
+    beside = (t < stamps[0]) | (t > stamps[-1])
+    return values, inside(t, _gaps(stamps, longest)) | beside
 
 
 def _command(log: Flight, t: Array) -> Array:
     stamps, values = _good(log, "rotor_command", 4)
-    return held_means(stamps + _TRANSPORT, values, t) if stamps.size else values
+    return held_means(t, stamps + _TRANSPORT, values) if stamps.size else values
 
 
 def _good(log: Flight, name: str, width: int) -> tuple[Array, Array]:

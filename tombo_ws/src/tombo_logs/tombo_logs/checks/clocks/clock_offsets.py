@@ -18,15 +18,15 @@ from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY
 from tombo_logs.checks.clocks.gaps import gap_spans
-from tombo_logs.checks.frozen_values import interpolated_spans
-from tombo_logs.checks.motion import (
+from tombo_logs.checks.even_flight import (
     RATE,
     accelerations,
+    beside_poses,
     body_rates,
-    resampled,
-    turns_of,
     unit_rows,
+    usable_turns,
 )
+from tombo_logs.checks.frozen_values import interpolated_spans
 from tombo_logs.checks.spans import Mask, inside
 
 DELAY_S: Final = 0.25
@@ -55,7 +55,7 @@ _AHEAD_S: Final = 0.002
 
 @dataclass(frozen=True)
 class Signal:
-    """What one channel sees of the motion, on an even clock of `motion.RATE`."""
+    """What one channel sees of the motion, on an even clock of `RATE`."""
 
     t: Array
     """(N,) s"""
@@ -176,16 +176,16 @@ def _even(series: Series) -> Array:
 
 def _channel(series: Series) -> Signal | None:
     t = _even(series)
-    return _signal(t, resampled(series, t), series) if t.size else None
+    return _signal(t, beside_poses(series, t), series) if t.size else None
 
 
 def _rates(attitude: Series) -> Signal | None:
     """Return the body rates of an attitude (N, 3)."""
-    turns = turns_of(attitude)
+    turns = usable_turns(attitude)
     t = _even(turns)
     if not t.size:
         return None
-    q = unit_rows(resampled(turns, t))
+    q = unit_rows(beside_poses(turns, t))
     return _signal(t, body_rates(q, np.gradient(q, 1.0 / RATE, axis=0)), turns)
 
 
@@ -195,7 +195,7 @@ def _force(series: Mapping[str, Series], name: str) -> Signal | None:
     if not t.size:
         return None
     if name == "accel":
-        force = resampled(series[name], t)
+        force = beside_poses(series[name], t)
     else:
         force = accelerations(series[name], t) + np.array([0.0, 0.0, GRAVITY])
     return _signal(t, np.linalg.norm(force, axis=1)[:, None], series[name])

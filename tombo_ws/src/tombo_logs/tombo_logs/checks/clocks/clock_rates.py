@@ -16,7 +16,7 @@ from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.motion import INDEPENDENT, RATE, Motion, resampled
+from tombo_logs.checks.even_flight import INDEPENDENT, RATE, EvenFlight, beside_poses
 from tombo_logs.checks.spans import Mask, peak_offset
 
 _WINDOW = round(5.0 * RATE)
@@ -77,7 +77,7 @@ def lag_course(
 ) -> LagCourse | None:
     """Return how the lag of `seen` (N, k) behind `other` (N, k) changes; None: it can't be told.
 
-    Rows are on an even clock `t` (N,) of `motion.RATE`; only those with `usable` count. `drag`:
+    Rows are on an even clock `t` (N,) of `RATE`; only those with `usable` count. `drag`:
     per mass [1/s], that one of the two may have in it beside the other.
     """
     times, lags, sigmas, matches = [], [], [], []
@@ -146,7 +146,7 @@ def _window_lag(
 
 
 def common_clock(
-    flight: str, series: Mapping[str, Series], motion: Motion, reset: frozenset[str]
+    flight: str, series: Mapping[str, Series], motion: EvenFlight, reset: frozenset[str]
 ) -> tuple[dict[str, Series], list[Finding]]:
     """Return the channels with IMU and rotors on the poses' clock, and what was wrong.
 
@@ -164,14 +164,16 @@ def common_clock(
     return series, findings
 
 
-def _course(motion: Motion, channel: str, series: Series) -> LagCourse | None:
+def _course(motion: EvenFlight, channel: str, series: Series) -> LagCourse | None:
     if channel == "gyro":
-        covered = motion.good & (motion.t > series.t[0]) & (motion.t < series.t[-1])
-        return lag_course(motion.t, motion.rates, resampled(series, motion.t), covered)
+        covered = motion.valid & (motion.t > series.t[0]) & (motion.t < series.t[-1])
+        return lag_course(motion.t, motion.rates, beside_poses(series, motion.t), covered)
     return _rotor_course(motion, series)
 
 
-def _first_course(motion: Motion, channel: str, series: Series) -> tuple[float, LagCourse] | None:
+def _first_course(
+    motion: EvenFlight, channel: str, series: Series
+) -> tuple[float, LagCourse] | None:
     """Return a factor for the stamps and the lags that are left then.
 
     The factor is 1 unless the rate is so far off that lags leave the range that is searched.
@@ -193,19 +195,19 @@ def _is_uneven(course: LagCourse) -> bool:
     return course.scatter > _UNEVEN_S or abs(course.rate) > _LARGEST_RATE
 
 
-def _rotor_course(motion: Motion, drive: Series) -> LagCourse | None:
+def _rotor_course(motion: EvenFlight, drive: Series) -> LagCourse | None:
     """Compare the rotors' thrust with the specific force along body z that the poses show."""
     if drive.t.size < 2 or not motion.t.size:
         return None
-    thrust = resampled(Series(drive.t, (drive.values**2).mean(axis=1, keepdims=True)), motion.t)
+    thrust = beside_poses(Series(drive.t, (drive.values**2).mean(axis=1, keepdims=True)), motion.t)
     force = motion.acceleration + np.array([0.0, 0.0, GRAVITY])
     along = np.einsum("ni,ni->n", force, motion.up)[:, None]
-    covered = motion.good & (motion.t > drive.t[0]) & (motion.t < drive.t[-1])
+    covered = motion.valid & (motion.t > drive.t[0]) & (motion.t < drive.t[-1])
     return lag_course(motion.t, along, thrust, covered, _DRAG)
 
 
 def _on_poses_clock(
-    flight: str, series: dict[str, Series], names: list[str], motion: Motion, channel: str,
+    flight: str, series: dict[str, Series], names: list[str], motion: EvenFlight, channel: str,
     reset: frozenset[str],
 ) -> list[Finding]:  # fmt: skip
     """Correct the stamps of these channels, or leave them out, where the lag is not constant."""
@@ -248,7 +250,7 @@ def _on_poses_clock(
 
 
 def _stretch(
-    motion: Motion, channel: str, series: Series, stretch: float, course: LagCourse
+    motion: EvenFlight, channel: str, series: Series, stretch: float, course: LagCourse
 ) -> tuple[float, LagCourse]:
     """Return the factor that makes the lag constant, and the last course.
 
