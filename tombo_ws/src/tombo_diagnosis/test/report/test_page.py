@@ -59,15 +59,8 @@ def test_every_verdict_has_its_words(verdict, words):
     extended = verdict in ("named", "partly_explained")
     assert ("--model" in text) == extended
     assert ("after: extended model" in text) == extended
-    assert ("separating_experiment.yaml" in text) == (verdict == "set")
+    assert (EXPERIMENT.text in text) == (verdict == "set")
     assert ("held out from selection and fit" in text) == extended
-
-
-def test_the_experiment_is_shown_with_its_command_and_what_it_is_worth():
-    text = text_of(sample("set"), "my runs/a b")
-    assert EXPERIMENT.text in text
-    assert "tombo fly 'my runs/a b/separating_experiment.yaml'" in text
-    assert "log Bayes factor of 14; these flights: 0.30" in text
 
 
 @pytest.mark.slow

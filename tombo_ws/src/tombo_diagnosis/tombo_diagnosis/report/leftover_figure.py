@@ -2,236 +2,167 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from tombo_diagnosis.diagnosis import Diagnosis
-from tombo_diagnosis.leftover.leftover import UNITS, Leftover, LeftoverSamples
-from tombo_diagnosis.report.words import term_texts
-from tombo_diagnosis.wording import capital, figure, percent
+from tombo_diagnosis.diagnosis import Diagnosis, Leftover
+from tombo_diagnosis.report.residual_data import binned
+from tombo_diagnosis.report.words import LEFTOVER_UNITS, dependence_text
+from tombo_diagnosis.wording import capital, figure
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 
-_FEWEST = 3
+_MIN_SAMPLES: Final = 3
 """Blocks of time that a cell needs."""
-
-
-@dataclass(frozen=True)
-class Cells:
-    """Means in the cells that have enough samples."""
-
-    at: Array
-    """(C, 2) mean place of the samples of each cell."""
-    mean: Array
-    """(C, 3)"""
-    count: Array
-    """(C)"""
-
-
-@dataclass(frozen=True)
-class Slices:
-    """Means in slices that hold equally many samples."""
-
-    at: Array
-    """(B)"""
-    mean: Array
-    """(B, 3)"""
-    half: Array
-    """(B, 3) half width of the 95 % interval, samples taken as independent."""
-
-
-def cells(place: Array, values: Array, across: int = 7) -> Cells:
-    """Return means of values (N, 3) in squares of places (N, 2), `across` on the longer side."""
-    low, high = place.min(axis=0), place.max(axis=0)
-    side = max(float((high - low).max()) / across, 1e-9)
-    index = np.floor((place - low) / side).astype(np.int64)
-    _, which = np.unique(index, axis=0, return_inverse=True)
-    which = which.reshape(-1)
-    count = np.bincount(which)
-    at = np.column_stack([np.bincount(which, p) for p in place.T]) / count[:, None]
-    mean = np.column_stack([np.bincount(which, v) for v in values.T]) / count[:, None]
-    enough = count >= _FEWEST
-    return Cells(at[enough], mean[enough], count[enough].astype(np.float64))
-
-
-def slices(x: Array, values: Array, number: int = 10) -> Slices:
-    """Return the means of values (N, 3) in slices of x (N); NaN is left out of a mean."""
-    order = np.array_split(np.argsort(x, kind="stable"), max(min(number, x.size // _FEWEST), 1))
-    at = np.array([x[rows].mean() for rows in order])
-    mean = np.array([_mean(values[rows]) for rows in order])
-    spread = np.array([values[rows].std(axis=0) / np.sqrt(max(rows.size, 1)) for rows in order])
-    return Slices(at, mean, 1.96 * spread)
-
-
-def _mean(values: Array) -> Array:
-    known = np.isfinite(values)
-    count = known.sum(axis=0)
-    total = np.where(known, values, 0.0).sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-AXIS_COLOURS: Final = (style.VERMILLION, style.GREEN, style.BLUE)
-"""Of the components x, y and z."""
+_CELLS_ACROSS: Final = 7
+_SLICES: Final = 10
+_CORRELATED_S: Final = 2.0
+"""Samples of so long a stretch count as one in intervals."""
 _COLUMNS: Final = 4
-_SIZE_IN: Final = (3.35, 2.75)
+_PANEL_IN: Final = (3.35, 2.75)
 _DPI: Final = 120
-_COLOUR_MAP: Final = "PuOr"
-
-
-@dataclass(frozen=True)
-class _Pool:
-    """The samples of all flights of one quantity."""
-
-    quantity: str
-    state: dict[str, Array]
-    body: Array
-    map: Array
-    fitted_body: Array
-    fitted_map: Array
-
-    @property
-    def limit(self) -> float:
-        """Symmetric limit of an axis that holds the means of all panels."""
-        drawn = [
-            slices(self.state[name], self.map if name in _IN_MAP else self.body).mean
-            for name in _LABELS
-            if name in self.state
-        ]
-        return 1.35 * max([1e-9, *(float(np.nanmax(np.abs(m))) for m in drawn if m.size)])
-
-    @property
-    def unit(self) -> str:
-        return UNITS[self.quantity]
-
-
-_Panel = tuple[Callable[[Axes, _Pool, str], None], _Pool, str]
-
-
-def draw_leftover(diagnosis: Diagnosis) -> Figure:
-    """Draw the leftover of all flights: arrows and colours for means, lines for the sparse fit."""
-    leftover = diagnosis.leftover
-    pools = [] if leftover is None else [_pool(leftover, q) for q in leftover.rms]
-    panels = [panel for pool in pools for panel in _panels(pool)]
-    rows = max(1, -(-len(panels) // _COLUMNS))
-    size = (_SIZE_IN[0] * _COLUMNS, _SIZE_IN[1] * rows + 1.0)
-    with new_figure(*size, _DPI, layout="constrained") as sheet:
-        title = "nothing is left over" if leftover is None else _title(leftover)
-        sheet.suptitle(
-            title, x=0.01, ha="left", weight="bold", size=10.5, parse_math=False
-        )  # fmt: skip
-        for k, (kind, pool, name) in enumerate(panels):
-            kind(sheet.add_subplot(rows, _COLUMNS, k + 1), pool, name)
-        if panels:
-            sheet.supxlabel(
-                "Arrows: mean force in the plane of the panel; colour of a dot: force along z. "
-                "Lines with bars: mean and 95 % interval; dashed: the terms fitted. All flights.",
-                size=8.5, color=style.MUTED,
-            )  # fmt: skip
-    return sheet
-
-
-def _title(leftover: Leftover) -> str:
-    sizes = "; ".join(
-        f"{q} left over {figure(rms)} {UNITS[q]} (root mean square)"
-        + (f", terms predict {percent(leftover.r2[q])} of it in flights held out"
-           if leftover.r2[q] > 0.0 else "")
-        for q, rms in leftover.rms.items()
-    )  # fmt: skip
-    texts = term_texts(leftover) or ["no term of the dictionary predicts it in flights held out"]
-    lines = textwrap.wrap("; ".join(texts), 165, max_lines=3, placeholder=" …")
-    return "\n".join([capital(sizes), *lines])
-
-
-def _pool(leftover: Leftover, quantity: str) -> _Pool:
-    samples = [s for s in leftover.samples if s.quantity == quantity]
-    body = np.vstack([s.body for s in samples])
-    fitted = np.vstack([np.nan_to_num(s.fitted) for s in samples])
-    names = set.intersection(*(set(s.state) for s in samples))
-    state = {name: np.concatenate([s.state[name] for s in samples]) for name in sorted(names)}
-    state["t"] = np.concatenate([s.t for s in samples])
-    state["tilt"] = np.concatenate([_tilt(s) for s in samples])
-    return _Pool(
-        quantity, state, body, np.vstack([s.in_map(s.body) for s in samples]), fitted,
-        np.vstack([s.in_map(s.fitted) for s in samples]),
-    )  # fmt: skip
-
-
-def _tilt(samples: LeftoverSamples) -> Array:
-    return np.asarray(np.degrees(np.arccos(np.clip(samples.rotation[:, 2, 2], -1.0, 1.0))))
-
-
-def _panels(pool: _Pool) -> list[_Panel]:
-    """Return the panels of a quantity: how to draw each, and against what."""
-    shown: list[_Panel] = []
-    if pool.quantity == "force":
-        shown += [(_arrows, pool, "place"), (_arrows, pool, "velocity")]
-    names = ("z", "t", "yaw", "tilt", "thrust", "voltage")
-    shown += [(_lines, pool, name) for name in names if name in pool.state]
-    if pool.quantity == "moment":
-        shown += [(_lines, pool, name) for name in ("u", "v")]
-    return shown
-
-
 _LABELS: Final = {
     "z": "height [m]", "t": "time since the start [s]", "yaw": "yaw [rad]", "tilt": "tilt [deg]",
     "thrust": "thrust, of rotor speeds [N]", "voltage": "battery [V]",
     "u": "velocity body x [m/s]", "v": "velocity body y [m/s]",
 }  # fmt: skip
+_PANELS: Final = {
+    "force": ("z", "t", "yaw", "tilt", "thrust", "voltage"),
+    "moment": ("z", "t", "yaw", "tilt", "thrust", "voltage", "u", "v"),
+}
+"""Quantity → the variables that it is drawn against, a line for each axis."""
 _IN_MAP: Final = frozenset({"z", "t"})
-"""Quantities of the world: the leftover is shown in map; else in body."""
+"""Quantities of the world: the leftover is drawn in map; else in body."""
 
 
-def _arrows(axes: Axes, pool: _Pool, what: str) -> None:
+@dataclass(frozen=True)
+class _Samples:
+    """The samples of all flights of one quantity."""
+
+    quantity: str
+    state: dict[str, Array]
+    block: NDArray[np.int64]
+    """(N,) which stretch of which flight a sample is from."""
+    by_frame: dict[str, Array]
+    """body and map → (N, 3)"""
+
+    @property
+    def limit(self) -> float:
+        """Symmetric limit of an axis that holds most of the samples."""
+        values = np.abs(np.concatenate([v.ravel() for v in self.by_frame.values()]))
+        return 1.2 * max(float(np.nanquantile(values, 0.9)), 1e-9)
+
+
+def draw_leftover(diagnosis: Diagnosis) -> Figure:
+    """Draw the leftover of all flights: arrows in cells of place and velocity, lines of means."""
+    left = diagnosis.leftover
+    panels: list[Callable[[Axes], None]] = []
+    for quantity in left.rms if left is not None else ():
+        assert left is not None
+        samples = _samples(left, quantity)
+        if quantity == "force":
+            panels += [partial(_arrows, samples=samples, frame=f) for f in ("map", "body")]
+        shown = [name for name in _PANELS[quantity] if name in samples.state]
+        panels += [partial(_lines, samples=samples, name=name) for name in shown]
+    rows = max(1, -(-len(panels) // _COLUMNS))
+    size = _PANEL_IN[0] * _COLUMNS, _PANEL_IN[1] * rows + 1.0
+    with new_figure(*size, _DPI, layout="constrained") as sheet:
+        title = "Nothing is left over" if left is None else leftover_title(left)
+        sheet.suptitle(title, x=0.01, ha="left", weight="bold", size=10.5, parse_math=False)
+        for k, draw in enumerate(panels):
+            draw(sheet.add_subplot(rows, _COLUMNS, k + 1))
+        if panels:
+            sheet.supxlabel(
+                "Arrows: mean force in the plane of the panel; colour of a dot: force along z. "
+                "Lines with bars: mean and 95 % interval. All flights.",
+                size=8.5, color=style.MUTED,
+            )  # fmt: skip
+    return sheet
+
+
+def leftover_title(left: Leftover) -> str:
+    """Return how much is left over, and what it follows."""
+    sizes = [f"{q} left over {figure(rms)} {LEFTOVER_UNITS[q]} (RMS)"
+             for q, rms in left.rms.items()]  # fmt: skip
+    return "\n".join([capital("; ".join(sizes)), dependence_text(left)])
+
+
+def _samples(left: Leftover, quantity: str) -> _Samples:
+    flights = [s for s in left.samples if s.quantity == quantity]
+    names = set.intersection(*(set(s.state) for s in flights))
+    state = {name: np.concatenate([s.state[name] for s in flights]) for name in sorted(names)}
+    lean = np.concatenate([s.rotation[:, 2, 2] for s in flights])
+    state["tilt"] = np.degrees(np.arccos(np.clip(lean, -1.0, 1.0)))
+    stretches = [np.floor(s.state["t"] / _CORRELATED_S) for s in flights]
+    first = np.cumsum([0.0, *(b.max() + 1.0 for b in stretches)])
+    block = np.concatenate([b + k for b, k in zip(stretches, first[:-1], strict=True)])
+    frames = {
+        "body": np.vstack([s.body for s in flights]),
+        "map": np.vstack([s.map for s in flights]),
+    }
+    return _Samples(quantity, state, block.astype(np.int64), frames)
+
+
+def _arrows(axes: Axes, samples: _Samples, frame: str) -> None:
     """Draw means in cells: arrows in the plane, colour for the component along z."""
-    x, y = ("x", "y") if what == "place" else ("u", "v")
-    place = np.column_stack([pool.state[x], pool.state[y]])
-    values = pool.map if what == "place" else np.nan_to_num(pool.body)
-    frame = "map" if what == "place" else "body"
-    means = cells(place, values)
-    longest = max(float(np.linalg.norm(means.mean[:, :2], axis=1).max(initial=0.0)), 1e-9)
-    span = max(float(np.ptp(place, axis=0).max()), 1e-6)
-    largest = max(float(np.abs(means.mean[:, 2]).max(initial=0.0)), 0.05 * pool.limit)
+    x, y, what, unit = (
+        ("x", "y", "place", "m") if frame == "map" else ("u", "v", "velocity", "m/s")
+    )
+    places = np.column_stack([samples.state[x], samples.state[y]])
+    at, mean = cell_means(places, np.nan_to_num(samples.by_frame[frame]))
+    longest = max(float(np.linalg.norm(mean[:, :2], axis=1).max(initial=0.0)), 1e-9)
+    span = max(float(np.ptp(places, axis=0).max()), 1e-6)
+    largest = max(float(np.abs(mean[:, 2]).max(initial=0.0)), 0.05 * samples.limit)
     dots = axes.scatter(
-        means.at[:, 0], means.at[:, 1], c=means.mean[:, 2], cmap=_COLOUR_MAP,
-        vmin=-largest, vmax=largest, s=34, edgecolors=style.MUTED, linewidths=0.4,
+        at[:, 0], at[:, 1], c=mean[:, 2], cmap="PuOr", vmin=-largest, vmax=largest, s=34,
+        edgecolors=style.MUTED, linewidths=0.4,
     )  # fmt: skip
     axes.quiver(
-        *means.at.T, *means.mean[:, :2].T, angles="xy", scale_units="xy",
-        scale=longest / (0.18 * span), color=style.INK, width=0.007,
+        *at.T, *mean[:, :2].T, angles="xy", scale_units="xy", scale=longest / (0.18 * span),
+        color=style.INK, width=0.007,
     )  # fmt: skip
-    axes.figure.colorbar(dots, ax=axes, label=f"along {frame} z [{pool.unit}]", aspect=30)
-    quantity = "m" if what == "place" else "m/s"
-    axes.set(xlabel=f"{what} {frame} x [{quantity}]", ylabel=f"{what} {frame} y [{quantity}]")
-    axes.set_title(f"longest arrow {figure(longest, 2)} {pool.unit}", loc="left", size=8.5)
+    axes.figure.colorbar(dots, ax=axes, label=f"along {frame} z [N]", aspect=30)
+    axes.set(xlabel=f"{what} {frame} x [{unit}]", ylabel=f"{what} {frame} y [{unit}]")
+    axes.set_title(f"longest arrow {figure(longest, 2)} N", loc="left", size=8.5)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.25)
 
 
-def _lines(axes: Axes, pool: _Pool, name: str) -> None:
-    """Draw means in slices of one quantity, a line for each component."""
+def cell_means(place: Array, values: Array) -> tuple[Array, Array]:
+    """Return mean place (C, 2) and values (C, 3) of the squares with enough samples (N, 2)."""
+    low, high = place.min(axis=0), place.max(axis=0)
+    side = max(float((high - low).max()) / _CELLS_ACROSS, 1e-9)
+    _, cell = np.unique(np.floor((place - low) / side), axis=0, return_inverse=True)
+    cell = cell.reshape(-1)
+    count = np.bincount(cell)
+    sums = np.column_stack([np.bincount(cell, v) for v in (*place.T, *values.T)])
+    means = (sums / count[:, None])[count >= _MIN_SAMPLES]
+    return means[:, :2], means[:, 2:]
+
+
+def _lines(axes: Axes, samples: _Samples, name: str) -> None:
+    """Draw means in slices of one variable, a line for each component."""
     frame = "map" if name in _IN_MAP else "body"
-    values, fitted = (
-        (pool.map, pool.fitted_map) if frame == "map" else (pool.body, pool.fitted_body)
-    )
-    x = pool.state[name]
-    if np.ptp(x) > 0.0:
-        means, model = slices(x, values), slices(x, fitted)
-        for i, (axis, colour) in enumerate(zip("xyz", AXIS_COLOURS, strict=True)):
+    x = samples.state[name]
+    colours = (style.VERMILLION, style.GREEN, style.BLUE)
+    for axis, colour, y in zip("xyz", colours, samples.by_frame[frame].T, strict=True):
+        if np.ptp(x) > 0.0 and np.isfinite(y).all():
+            means = binned(x, y, samples.block, _SLICES)
             axes.errorbar(
-                means.at, means.mean[:, i], yerr=np.nan_to_num(means.half[:, i]), color=colour,
-                lw=1.4, marker="o", ms=3, elinewidth=0.9, label=f"{frame} {axis}",
+                means.x, means.mean, yerr=np.nan_to_num(means.half), color=colour, lw=1.4,
+                marker="o", ms=3, elinewidth=0.9, label=f"{frame} {axis}",
             )  # fmt: skip
-            if np.any(fitted[:, i]):
-                axes.plot(model.at, model.mean[:, i], "--", color=colour, lw=1.0, alpha=0.8)
+    if axes.lines:
         axes.legend(loc="best", ncols=3, fontsize=7, handlelength=1.2, columnspacing=0.8)
     axes.axhline(0.0, color=style.MUTED, lw=0.7, zorder=1)
-    axes.set_ylim(-pool.limit, pool.limit)
+    axes.set_ylim(-samples.limit, samples.limit)
     axes.set_xlabel(_LABELS[name])
-    axes.set_ylabel(f"{pool.quantity} left over [{pool.unit}]")
+    axes.set_ylabel(f"{samples.quantity} left over [{LEFTOVER_UNITS[samples.quantity]}]")

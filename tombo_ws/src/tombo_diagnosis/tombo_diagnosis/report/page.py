@@ -13,7 +13,6 @@ import numpy as np
 
 from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import (
-    MISSION,
     MODEL,
     Cause,
     Diagnosis,
@@ -23,18 +22,19 @@ from tombo_diagnosis.diagnosis import (
     diagnosis_mapping,
 )
 from tombo_diagnosis.extend_model import extends
-from tombo_diagnosis.leftover.leftover import UNITS
 from tombo_diagnosis.report import figures, residual_data
 from tombo_diagnosis.report.controller_items import controller_items
 from tombo_diagnosis.report.leftover_figure import draw_leftover
 from tombo_diagnosis.report.residual_data import Pair, corrected, rms
 from tombo_diagnosis.report.words import (
+    LEFTOVER_UNITS,
     STYLES,
     badge,
     best_gains,
     causes_title,
     changes,
     compared_with,
+    dependence_text,
     detectable_text,
     headline,
     leading,
@@ -260,33 +260,10 @@ def _leftover(diagnosis: Diagnosis) -> list[Item]:
     if leftover is None:
         return []
     caption = "What is left over against what could drive it, all flights"
-    sizes = listed([f"{quantity} {figure(size)} {UNITS[quantity]}"
+    sizes = listed([f"{quantity} {figure(size)} {LEFTOVER_UNITS[quantity]}"
                     for quantity, size in leftover.rms.items()])  # fmt: skip
-    items: list[Item] = [
-        Picture(partial(draw_leftover, diagnosis), caption),
-        Text([f"Left over: {sizes} (root mean square)."]),
-    ]
-    if not leftover.terms:
-        text = "No term of the dictionary predicts the leftover in flights held out."
-        return [*items, Text([text], "hint")]
-    rows = [
-        (
-            f"{term.quantity}: {term.name}", f"{figure(term.value)} {unit(term.unit)}",
-            f"{figure(term.low)} to {figure(term.high)}", Cell(term.formula, code=True),
-            percent(leftover.r2[term.quantity]), term.remark,
-        )
-        for term in leftover.terms
-    ]  # fmt: skip
-    head = ("term", "coefficient", "95 % interval", "times", "R², held out", "remark")
-    items.append(Table(head, rows, "leftover"))
-    if leftover.effect:
-        text = (
-            "A first guess of the missing effect, ready to paste as a file under "
-            "tombo_dynamics/effects/ (CONTRIBUTING.md, Adding an effect):"
-        )
-        code = [Text([text], "hint"), Text(leftover.effect.splitlines(), "command")]
-        items.append(Folded("as an effect", code))
-    return items
+    text = f"Left over: {sizes} (root mean square). {dependence_text(leftover)}"
+    return [Picture(partial(draw_leftover, diagnosis), caption), Text([text])]
 
 
 def _next_flight(diagnosis: Diagnosis, folder: str, vehicle: str) -> list[Item]:
@@ -294,22 +271,7 @@ def _next_flight(diagnosis: Diagnosis, folder: str, vehicle: str) -> list[Item]:
     prefix = f"{folder}/" if folder else ""
     experiment = diagnosis.separating_experiment
     if experiment is not None:
-        names = " / ".join(map(display_name, experiment.effects))
-        items.append(Text([f"{names}. {experiment.text}"]))
-        if experiment.mission:
-            command = command_line(("fly", prefix + MISSION), [("--vehicle", vehicle)])
-            text = (
-                "Flies it in simulation first; with --px4 URL it flies on the vehicle. Then "
-                "diagnose the new flight together with these."
-            )
-            items += [Text([command], "command"), Text([text], "hint")]
-        if math.isfinite(experiment.separation):
-            text = (
-                "Expected to tell them apart by a log Bayes factor of "
-                f"{figure(experiment.separation, 2)}; these flights: "
-                f"{figure(experiment.present, 2)} (5 is strong)."
-            )
-            items.append(Text([text], "hint"))
+        items.append(Text([experiment.text]))
     if extends(diagnosis):
         options = [("--model", prefix + MODEL), ("--vehicle", vehicle)]
         items.append(Text(["The extended model is written; fly it:"]))
