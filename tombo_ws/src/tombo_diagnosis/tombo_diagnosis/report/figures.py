@@ -5,23 +5,28 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from tombo_diagnosis.diagnosis import Cause, Diagnosis, Residual
+from tombo_diagnosis.diagnosis import Cause, Dependence, Diagnosis, Leftover, Residual
 from tombo_diagnosis.report import residual_data as data
 from tombo_diagnosis.report.residual_data import Pair, corrected
-from tombo_diagnosis.report.words import LABELS, STYLES, best_gains, headline, leading
+from tombo_diagnosis.report.words import (
+    LABELS,
+    LEFTOVER_UNITS,
+    STYLES,
+    best_gains,
+    headline,
+    leading,
+    variable_name,
+)
 from tombo_diagnosis.wording import certainty, display_name, interval, percent, unit
-from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
@@ -35,7 +40,8 @@ LOG_FAULT: Final = style.PURPLE
 _WIDEST: Final = 115.0
 """How far a bar may reach, per cent."""
 _PANEL_IN: Final = (4.8, 2.75)
-_SMALL_IN: Final = (2.2, 0.8)
+_MAX_POINTS: Final = 900
+"""Of a line against time."""
 
 
 def draw_pair(pair: Pair) -> Figure:
@@ -54,43 +60,47 @@ def _panel(draw: Callable[[Axes], None]) -> Figure:
     return sheet
 
 
-class SmallFigures:
-    """Whole residuals against time without words, all on one sheet: making it takes longest."""
+def draw_dependence(leftover: Leftover, found: Dependence) -> Figure:
+    """Draw the means of a leftover in slices of a variable that it follows, for a page."""
+    flights = [s for s in leftover.samples if s.quantity == found.quantity]
+    x = np.concatenate([s.state[found.variable] for s in flights])
+    values = np.vstack([s.map if found.frame == "map" else s.body for s in flights])
+    # Samples of two seconds count as one.
+    stretches = [np.floor(s.state["t"] / 2.0).astype(np.int64) for s in flights]
+    first = np.cumsum([0, *(int(b.max()) + 1 for b in stretches)])
+    block = np.concatenate([b + k for b, k in zip(stretches, first[:-1], strict=True)])
 
-    def __init__(self, diagnosis: Diagnosis, buckets: int) -> None:
-        self.diagnosis, self.buckets = diagnosis, buckets
-        with new_figure(*_SMALL_IN, 100) as self.sheet:
-            self.axes = self.sheet.add_axes((0.005, 0.01, 0.99, 0.98))
-            self.axes.set_axis_off()
+    def draw(axes: Axes) -> None:
+        axes.axhline(0.0, color=style.MUTED, lw=0.7, zorder=1)
+        colours = (style.VERMILLION, style.GREEN, style.BLUE)
+        for axis, colour, y in zip("xyz", colours, values.T, strict=True):
+            if np.isfinite(y).all():
+                bins = data.binned(x, y, block)
+                axes.errorbar(
+                    bins.x, bins.mean, yerr=np.nan_to_num(bins.half), color=colour, lw=1.4,
+                    marker="o", ms=3, elinewidth=0.9, label=f"{found.frame} {axis}",
+                )  # fmt: skip
+        axes.legend(loc="best", ncols=3, fontsize=7)
+        axes.set_xlabel(variable_name(found.variable))
+        axes.set_ylabel(f"{found.quantity} left over [{LEFTOVER_UNITS[found.quantity]}]")
 
-    def draw(self, residual: Residual, limit: float) -> Figure:
-        """Draw one up to `limit`, in place of the one before."""
-        for mark in (*self.axes.lines, *self.axes.patches):
-            mark.remove()
-        with mpl.rc_context(style.RC):
-            residual_marks(self.axes, self.diagnosis, residual, self.buckets)
-        self.axes.set(xlim=data.ends(residual.t), ylim=(-limit, limit))
-        return self.sheet
+    return _panel(draw)
 
 
 def time_axes(axes: Axes, diagnosis: Diagnosis, group: Sequence[Residual]) -> None:
     """Draw one channel against time into axes."""
     shown = data.clearest(group)
-    start, end = data.stretch(shown)
     zero = data.zero_s(diagnosis, shown.flight)
-    inside = (shown.t >= start) & (shown.t <= end)
-    t, before, after = shown.t[inside] - zero, shown.before[inside], shown.after[inside]
-    residual_marks(axes, diagnosis, replace(shown, t=t, before=before, after=after), 900, zero)
-    limit = data.reach([before, after], 2.5 * shown.sigma)
-    axes.set(xlim=(start - zero, max(end, start + 1e-3) - zero), ylim=(-limit, limit))
+    residual_marks(axes, diagnosis, shown, zero)
+    limit = data.reach([shown.before, shown.after], 2.5 * shown.sigma)
+    start, end = float(np.nanmin(shown.t)) - zero, float(np.nanmax(shown.t)) - zero
+    axes.set(xlim=(start, max(end, start + 1.0)), ylim=(-limit, limit))
     axes.set_xlabel(f"time [s], {shown.flight}", parse_math=False, labelpad=2)
     name = f"{display_name(shown.channel)}\n[{unit(shown.unit) or '1'}]"
     axes.set_ylabel(name, parse_math=False)
 
 
-def residual_marks(
-    axes: Axes, diagnosis: Diagnosis, residual: Residual, buckets: int, zero_s: float = 0.0
-) -> None:
+def residual_marks(axes: Axes, diagnosis: Diagnosis, residual: Residual, zero_s: float) -> None:
     """Draw a residual against time: noise, what the checks found, lines before and after."""
     _noise(axes, residual.sigma)
     for finding in diagnosis.prechecks:
@@ -99,9 +109,11 @@ def residual_marks(
             axes.axvspan(*ends, color=LOG_FAULT, alpha=0.2, lw=0, zorder=0)
     changed = corrected([residual])
     same = not changed and corrected(diagnosis.residuals)
-    _lines(axes, residual.t, residual.before, UNCHANGED if same else BEFORE, buckets)
-    if changed:
-        _lines(axes, residual.t, residual.after, AFTER, buckets)
+    drawn = [(residual.before, UNCHANGED if same else BEFORE)]
+    drawn += [(residual.after, AFTER)] if changed else []
+    for values, colour in drawn:
+        for t, y in data.runs(residual.t - zero_s, values, _MAX_POINTS):
+            axes.plot(t, y, color=colour, lw=1.0)
 
 
 def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6, points: int = 1000) -> None:
@@ -157,11 +169,6 @@ def _noise(axes: Axes, sigma: float) -> None:
     if math.isfinite(sigma):
         axes.axhspan(-2.0 * sigma, 2.0 * sigma, color=style.FAINT, alpha=0.7, lw=0, zorder=0)
     axes.axhline(0.0, color=style.MUTED, lw=0.7, zorder=1)
-
-
-def _lines(axes: Axes, t: Array, y: Array, colour: str, buckets: int) -> None:
-    for a, b in data.runs(t, y, buckets):
-        axes.plot(a, b, color=colour, lw=1.0)
 
 
 _COLOURS: Final = {"good": style.GREEN, "warn": "#B07A00", "bad": style.VERMILLION}

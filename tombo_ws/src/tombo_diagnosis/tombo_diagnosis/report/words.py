@@ -110,12 +110,17 @@ _VARIABLES: Final = {
 """Variable of a leftover → its name in words; of others their own."""
 
 
+def variable_name(variable: str) -> str:
+    """Return the name in words of a variable that a leftover may follow."""
+    return _VARIABLES.get(variable, variable)
+
+
 def dependence_text(left: Leftover) -> str:
     """Return the variables that a leftover follows in flights held out, as sentences."""
     texts = []
     for quantity in left.rms:
         names = [
-            f"{_VARIABLES.get(d.variable, d.variable)} ({percent(d.r2)})"
+            f"{variable_name(d.variable)} ({percent(d.r2)})"
             for d in left.dependences
             if d.quantity == quantity
         ]
