@@ -113,7 +113,7 @@ class DiagnosisTables:
         return pd.DataFrame(rows, columns=list(columns))
 
     def save(self, folder: str | Path, *, replace: bool = False) -> Path:
-        """Write what `tombo diagnose` writes: report.html, diagnosis.json, model.yaml, plots.
+        """Write what `tombo diagnose` writes: report.html, diagnosis.json, model.yaml, picture.
 
         Raises:
             InputError: the folder is not empty and may not be replaced, or it is of a stand.

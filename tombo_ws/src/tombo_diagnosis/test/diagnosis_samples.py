@@ -6,14 +6,22 @@ through the filter: correlated over a tenth of a second.
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from tombo_bag.flight import Finding
-from tombo_diagnosis.diagnosis import Cause, Diagnosis, Experiment, FlightSummary, Residual, Score
-from tombo_diagnosis.leftover.leftover import FittedTerm, Leftover, LeftoverSamples
+from tombo_diagnosis.diagnosis import (
+    Cause,
+    Dependence,
+    Diagnosis,
+    Experiment,
+    FlightSummary,
+    Leftover,
+    LeftoverSamples,
+    Residual,
+    Score,
+)
 from tombo_flight.extended_model import FittedParameter, Gain
 
 DRAG = 0.283
@@ -117,30 +125,16 @@ def leftover() -> Leftover:
         place, velocity = (np.cumsum(rng.standard_normal((120, 3)), axis=0) / 10 for _ in "ab")
         state = dict(zip("xyzuvw", [*place.T, *velocity.T], strict=True))
         state |= {"yaw": velocity[:, 0], "thrust": 12.0 + velocity[:, 1]}
+        state["t"] = np.arange(120) * 0.24
         turn = np.broadcast_to(np.eye(3), (120, 3, 3))
-        force, t = -0.5 * place, np.arange(120) * 0.24
-        body = force + 0.1 * rng.standard_normal(force.shape)
-        samples.append(LeftoverSamples(f"circle_{k + 1}", "force", t, state, turn, body, force))
-    spring = FittedTerm(
-        "force", "spring to a point", "(x, y, z) in map", "N/m", -0.5, -0.55, -0.45,
-        "pulls to x 0.00 m, y 0.00 m, z 0.00 m",
-    )  # fmt: skip
-    text = "def leftover(plant): ..."
-    return Leftover((spring,), {"force": 0.9}, {"force": 0.7}, text, tuple(samples))
+        body = -0.5 * place + 0.1 * rng.standard_normal(place.shape)
+        samples.append(LeftoverSamples(f"circle_{k + 1}", "force", state, turn, body))
+    return Leftover((Dependence("force", "x", "map", 0.4),), {"force": 0.7}, tuple(samples))
 
 
-MISSION: dict[str, Any] = {
-    "name": "separate_drag",
-    "extends": "hover",
-    "mission": {"takeoff_height": 1.5},
-    "duration": 30.0,
-}
 EXPERIMENT = Experiment(
     ("mass_error", "thrust_coefficient_error"),
     "Force gives only the ratio of the two: weigh the vehicle, or hang 100 g under it and hover.",
-    14.2,
-    0.3,
-    MISSION,
 )
 SUMMARY = (
     "The flights call for linear rotor drag of 0.283 N s/m (0.276 to 0.290). With it the error in "

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
+import numpy as np
+
 from tombo_bag.flight import Finding
 from tombo_diagnosis.control.controller import ControllerReport, controller_mapping
-from tombo_diagnosis.leftover.leftover import Leftover
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_flight.json_text import plain
@@ -17,7 +18,6 @@ from tombo_flight.version import tombo_version
 JSON: Final = "diagnosis.json"
 REPORT: Final = "report.html"
 MODEL: Final = "model.yaml"
-MISSION: Final = "separating_experiment.yaml"
 """Files of a diagnosis."""
 VERDICTS = ("none", "named", "set", "unknown", "partly_explained")
 
@@ -68,17 +68,11 @@ class Score:
 
 @dataclass(frozen=True)
 class Experiment:
-    """The manoeuvre that would separate what these flights can't."""
+    """The measurement that would separate what these data can't."""
 
     effects: tuple[str, ...]
     text: str
-    """What to do and why it separates them, a sentence or two."""
-    separation: float
-    """Expected log Bayes factor between the two closest, found by simulating them."""
-    present: float
-    """The same for the flights at hand."""
-    mission: Mapping[str, object] = field(default_factory=dict)
-    """Scenario (plain values) that `tombo fly` flies; empty where only a person can do it."""
+    """What to do and which pair it separates."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +92,52 @@ class Residual:
     """Standard deviation that measurement noise alone gives it."""
     drivers: Mapping[str, Array]
     """Name with unit -> (N,): what could drive it (velocities, height, thrust, voltage ...)."""
+
+
+@dataclass(frozen=True)
+class LeftoverSamples:
+    """One flight's leftover force [N] or moment [N m], means of M short blocks of time."""
+
+    flight: str
+    quantity: str
+    """force or moment."""
+    state: Mapping[str, Array]
+    """Variable → (M,): place x, y, z and velocity vx, vy, vz in map; velocity u, v, w and rates
+    p, q, r in body; yaw; thrust [N]; time t since the start [s]; voltage [V]."""
+    rotation: Array
+    """(M, 3, 3) map from body."""
+    body: Array
+    """(M, 3) body axes; NaN along an axis that was not measured."""
+
+    @property
+    def map(self) -> Array:
+        """The same in map axes (M, 3); an axis that was not measured counts as zero."""
+        return np.asarray(np.einsum("nij,nj->ni", self.rotation, np.nan_to_num(self.body)))
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """A variable that the leftover follows in flights that were held out."""
+
+    quantity: str
+    """force or moment."""
+    variable: str
+    """Of `LeftoverSamples.state`."""
+    frame: str
+    """Axes in which it follows the variable best: map or body."""
+    r2: float
+    """Share (0 to 1) of the leftover that it predicts."""
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What the causes named do not explain."""
+
+    dependences: tuple[Dependence, ...]
+    """Empty: no variable predicts it in flights held out."""
+    rms: Mapping[str, float]
+    """Quantity → root mean square of the vector."""
+    samples: tuple[LeftoverSamples, ...]
 
 
 @dataclass(frozen=True)
@@ -159,19 +199,20 @@ class Diagnosis:
     changed: tuple[Change, ...] = ()
     """Of a comparison with healthy flights: named: what has changed; set: its members."""
     leftover: Leftover | None = None
-    """unknown, partly_explained: what is left, drawn and as a sum of terms; else None."""
+    """unknown, partly_explained: what is left, and what it follows; else None."""
     controller: ControllerReport | None = None
     """Gains of the controller that flew, and what swings; None: the logs don't say."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """effect.parameter → standard deviation within which the model's value may be off."""
+    passes: tuple[str, ...] = ()
+    """Further analyses that changed the answer: completes *analysed again ...*."""
 
 
 def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the content of `diagnosis.json`: plain values, None for what is not finite."""
     left = diagnosis.leftover
-    if left is not None:
-        left = replace(left, samples=())
-    values = asdict(replace(diagnosis, residuals=(), leftover=left, controller=None))
+    shown = left and replace(left, samples=())
+    values = asdict(replace(diagnosis, residuals=(), leftover=shown, controller=None))
     values["controller"] = controller_mapping(diagnosis.controller)
     if left is not None:
         del values["leftover"]["samples"]
@@ -181,8 +222,5 @@ def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
         cause["theta"] = {theta.pop("name"): theta for theta in cause["theta"]}
     for change in values["changed"]:
         change["theta"] = {theta.pop("name"): theta for theta in change["theta"]}
-    experiment = values["separating_experiment"]
-    if experiment is not None:
-        experiment["mission_file"] = MISSION if experiment.pop("mission") else None
     mapping: dict[str, Any] = plain({**values, "version": tombo_version()})
     return mapping

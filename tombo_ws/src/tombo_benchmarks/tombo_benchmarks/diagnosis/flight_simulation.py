@@ -12,7 +12,6 @@ from tombo_bag.flight import Flight, Series
 from tombo_benchmarks.diagnosis.disturbances import set_disturbance
 from tombo_benchmarks.diagnosis.flight_cases import COURSE_S, FlightCase
 from tombo_benchmarks.diagnosis.log_recording import record_log
-from tombo_diagnosis.flight.experiment_design import sensor_series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import Plant
 from tombo_flight.flight import Workspace, fly_scenario
@@ -31,6 +30,21 @@ _STAMP_JITTER = 2e-4
 """s"""
 _VOLTAGE_NOISE = 0.01
 """V"""
+
+
+def sensor_series(flown: Flight, imu: bool, rpm: bool) -> dict[str, Series]:
+    """Return what these sensors measured in a simulated flight."""
+    t = flown.t
+    series = {
+        **flown["/mocap/pose"],
+        "rotor_command": Series(t, flown.log["rotor_command"].copy()),
+        "voltage": Series(t[::100], flown.log["battery"][::100, 2:3]),
+    }
+    if imu:
+        series |= {name: Series(t, flown.log[name].copy()) for name in ("gyro", "accel")}
+    if rpm:
+        series["rotor_speed"] = Series(t, flown.log["rotor_speed"].copy())
+    return series
 
 
 def course(rng: np.random.Generator, length_s: float = COURSE_S) -> list[dict[str, float]]:

@@ -233,7 +233,7 @@ def _diagnosis(root: Path, data: Path) -> None:
     logs = sorted(str(path) for path in (data / "flights").glob("*.csv.gz"))
     with TemporaryDirectory() as folder:
         _tombo("diagnose", *logs, "--mapping", "nanobench", "-o", folder, "--force")
-        shutil.copy(Path(folder) / "plots" / "summary.png", root / "docs" / "diagnosis.png")
+        shutil.copy(Path(folder) / "summary.png", root / "docs" / "diagnosis.png")
         found = json.loads((Path(folder) / "diagnosis.json").read_text(encoding="utf-8"))
     _fill(root / "docs" / "diagnosis.md", {"crazyflie": crazyflie_text(found)})
     _fill(root / "README.md", {"diagnosis": _certainty_text(found)})
@@ -303,10 +303,6 @@ PRODUCTS: Final = {
         ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie", "README.md#diagnosis"),
         _diagnosis,
         data="flights",
-    ),
-    "stand": Product(
-        ("docs/stand.png",),
-        _picture("plots/table3.png", "stand.png", "propeller", "diagnose", "--table3"),
     ),
     "design": Product(
         ("docs/design.png",),

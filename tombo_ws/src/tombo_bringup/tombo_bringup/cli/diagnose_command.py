@@ -72,7 +72,7 @@ class _Diagnosed(options.Logs):
         "With --healthy: flights whose names fit the pattern are of this session, as "
         "monday='normal_[123]'. Default: their dates; without dates, demand that is alike.",
     )
-    no_report: bool = option("--no-report", "Write no report.html and no plots.", False)
+    no_report: bool = option("--no-report", "Write no report.html and no picture.", False)
 
 
 @command(app, lab=True, epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)
@@ -87,9 +87,8 @@ def diagnose(
 ) -> None:
     """Say what the simulation gets wrong in measured flights, name the cause, measure the gain.
 
-    Writes report.html, diagnosis.json and plots; model.yaml, the extended model,
-    where a cause is named (`tombo fly --model`); separating_experiment.yaml, the
-    mission to fly, where causes can't be distinguished.
+    Writes report.html, diagnosis.json and summary.png; model.yaml, the extended model,
+    where a cause is named (`tombo fly --model`).
     """
     # One thread of linear algebra: on matrices this small more get into each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -102,20 +101,19 @@ def diagnose(
     if given.healthy is not None:
         if model.model is not None:
             raise InputError("--model and --healthy: both say what to compare with; accepted: one")
-        from tombo_diagnosis.report.change_page import CHANGE_FILES, change_page, write_change
+        from tombo_diagnosis.report.change_page import change_page
+        from tombo_diagnosis.report.files import REPORT_FILES, write_report
 
         sessions = _sessions(given.sessions or [])
         healthy = given.healthy
         publish(
             results,
             name,
-            CHANGE_FILES,
+            REPORT_FILES,
             lambda on_progress: run_change(
                 logs, healthy, reading.mapping, names, sessions, on_progress
             ),
-            lambda folder, both, on_progress: write_change(
-                folder, *both, pictures=pictures, on_progress=on_progress
-            ),
+            lambda folder, both, _: write_report(folder, change_page(*both), pictures=pictures),
             lambda both, folder: change_page(*both),
         )
         return

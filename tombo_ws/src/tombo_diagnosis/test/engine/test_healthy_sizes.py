@@ -28,13 +28,15 @@ class Linear:
     """Data that show parameters as they are, with noise."""
 
     sizes: tuple[float, ...]
-    doubt: float = 1.0
-    rarity: float = 0.0
+    tolerance_inflation: float = 1.0
+    log_prior_cost: float = 0.0
 
     def __post_init__(self):
-        parameters = tuple(replace(p, doubt=self.doubt) for p in (MASS, SHIFT))
-        self.columns = Unknowns(parameters, (0, 1), draw_doubt=self.doubt)
-        self.setting = Setting(4, 0.05, {}, rarity=self.rarity)
+        parameters = tuple(
+            replace(p, tolerance_inflation=self.tolerance_inflation) for p in (MASS, SHIFT)
+        )
+        self.columns = Unknowns(parameters, (0, 1), draw_inflation=self.tolerance_inflation)
+        self.setting = Setting(4, 0.05, {}, log_prior_cost=self.log_prior_cost)
         self.theta = np.zeros(2)
         weights, values = np.eye(2) / NOISE**2, np.array(self.sizes)
         vector = weights @ values
@@ -64,16 +66,16 @@ def causes(*sizes, **settings):
     (0.28, {"mass_error"}, set()), (0.8, {"mass_error"}, {"mass_error"})])  # fmt: skip
 def test_a_size_that_a_wider_tolerance_makes_healthy_is_no_cause(size, known, doubted):
     assert causes(size, 0.0) == known
-    assert causes(size, 0.0, doubt=2.5) == doubted
+    assert causes(size, 0.0, tolerance_inflation=2.5) == doubted
 
 
 def test_small_differences_of_all_are_no_large_one_of_one():
     """That the vehicle varies more than its few flights show explains them together."""
     assert causes(0.26, 0.24) == {"mass_error"}
-    assert causes(0.26, 0.24, doubt=2.5) == set()
+    assert causes(0.26, 0.24, tolerance_inflation=2.5) == set()
 
 
 def test_where_causes_are_rare_evidence_has_to_be_stronger():
     assert causes(0.26, 0.0) == {"mass_error"}
-    assert causes(0.26, 0.0, rarity=math.log(40)) == set()
-    assert causes(0.60, 0.0, rarity=math.log(40)) == {"mass_error"}
+    assert causes(0.26, 0.0, log_prior_cost=math.log(40)) == set()
+    assert causes(0.60, 0.0, log_prior_cost=math.log(40)) == {"mass_error"}

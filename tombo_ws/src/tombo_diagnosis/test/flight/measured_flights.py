@@ -6,7 +6,7 @@ import numpy as np
 
 from tombo_bag.flight import Flight, Series
 from tombo_benchmarks.diagnosis.disturbances import set_disturbance
-from tombo_diagnosis.flight.experiment_design import as_log as simulated_log
+from tombo_benchmarks.diagnosis.flight_simulation import sensor_series
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.nominal import nominal_model, nominal_of
 from tombo_dynamics.effects import REGISTRY
@@ -66,6 +66,18 @@ SLOW = (
     ],
 )
 """So slow that drag says nothing, at one heading: without an IMU wind is as a tilted world."""
+AIRBORNE = 0.4
+"""m"""
+
+
+def simulated_log(flown: Flight, imu: bool, rpm: bool) -> Flight:
+    """Return a simulated flight as a log with these sensors."""
+    series, t = sensor_series(flown, imu, rpm), flown.t
+    poses = flown["/mocap/pose"]["position"]
+    air = np.flatnonzero(poses.values[:, 2] > AIRBORNE)
+    begin, end = float(poses.t[air[0]]) + 0.3, float(poses.t[air[-1]])
+    ground = ((-1.0, begin), (end, float(t[-1]) + 1.0))
+    return Flight.measured("simulated", "simulated", series, exclude=ground)
 
 
 def scenario(effects, course=LIVELY[0], length=LENGTH):

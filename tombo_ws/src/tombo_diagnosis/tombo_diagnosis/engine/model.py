@@ -31,7 +31,7 @@ class Setting:
     """Groups of effects that the data can't distinguish, whatever their evidence."""
     max_confidence: float = 0.99
     """Highest confidence that is stated."""
-    rarity: float = 0.0
+    log_prior_cost: float = 0.0
     """Taken from the log Bayes factor of every cause: how improbable each is before the data."""
 
 

@@ -168,7 +168,7 @@ def _widest(
         for width in _WIDTHS
     ]
     mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains)) - price
-    mean -= model.setting.rarity
+    mean -= model.setting.log_prior_cost
     mean -= _healthy_gain(model, fit, (), tight, {effect: 1.0})
     return mean, Hypothesis(effect, (), float(_WIDTHS[int(np.argmax(gains))]))
 
@@ -231,15 +231,15 @@ def _healthy_gain(
         widths: stochastic effects among the causes.
     """
     columns = model.columns
-    doubts = {p.index for p in columns.parameters if p.doubt > 1.0}
+    doubts = {p.index for p in columns.parameters if p.tolerance_inflation > 1.0}
     if not doubts:
         return 0.0
     held = tuple(i for i in fit.free if i not in free)
     kept = {e: w for e, w in fit.widths.items() if e not in widths}
     pinned = {*fit.pinned, *(model.null_hypothesis.pinned if not held else ())}
     released = [place for place in pinned if columns.indices[place] not in free]
-    every = dict.fromkeys((*widths, *columns.draws), columns.draw_doubt)
-    own = dict.fromkeys(widths, columns.draw_doubt)
+    every = dict.fromkeys((*widths, *columns.draws), columns.draw_inflation)
+    own = dict.fromkeys(widths, columns.draw_inflation)
 
     def evidence(deviations: Array) -> float:
         return solve(fit.normal, deviations, fit.prior_mean, covariance=False).evidence
@@ -340,4 +340,7 @@ def _multiplicity_penalty(model: RegressionModel, effect: str) -> float:
 
     And what any cause costs where causes are rare.
     """
-    return math.log(max(1, len(model.columns.variants.get(effect, ())))) + model.setting.rarity
+    return (
+        math.log(max(1, len(model.columns.variants.get(effect, ()))))
+        + model.setting.log_prior_cost
+    )

@@ -116,7 +116,7 @@ class FreeParameter:
     """Standard deviation between healthy vehicles, as a share of `scale`."""
     known_to: float | None = None
     """Standard deviation with which this vehicle's own value is known; None: as usual."""
-    doubt: float = 1.0
+    tolerance_inflation: float = 1.0
     """Factor by which the tolerance itself may be too small, as few healthy flights leave it."""
 
     @property
@@ -152,7 +152,7 @@ class Unknowns:
     """Of each draw the stochastic effect that it belongs to."""
     draw_width: float = 1.0
     """Standard deviation of a draw's unknown in the nominal model."""
-    draw_doubt: float = 1.0
+    draw_inflation: float = 1.0
     """Factor by which that itself may be too small."""
     absorbed: frozenset[int] = frozenset()
     """Places in theta of what the nominal model's own fit has absorbed: always free."""
@@ -222,7 +222,7 @@ class Unknowns:
         values = [
             p.scale
             if p.index in free or p.index in self.absorbed
-            else tight * p.tolerance * (p.doubt if p.index in doubted else 1.0)
+            else tight * p.tolerance * (p.tolerance_inflation if p.index in doubted else 1.0)
             for p in (self.parameters[i] for i in self.indices)
         ]
         values += [self.draw_width * widths.get(effect, 1.0) for effect in self.draws]

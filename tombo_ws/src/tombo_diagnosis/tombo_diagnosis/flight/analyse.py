@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from tombo_diagnosis.engine.model import Analysis, Explanation, Remainder, SearchResult
@@ -51,10 +51,11 @@ DOUBTS = ("unknown", "partly_explained")
 _DYNAMICS = frozenset({"force", "moment"})
 """Groups of channels that have to be clean before anything is named: what pushes the vehicle in a
 way that is not known is imitated by causes in any other group."""
-_FEW_FLIGHTS = 3
-_CONCERNS = 0.5
+_MIN_FLIGHTS_FOR_SHARE = 3
+"""Flights that show whether one of them holds the excess."""
+_MAX_EXCESS_LEFT_SHARE = 0.5
 """A cause concerns a channel if it reduces the excess there below this share."""
-_HEALTHY = 4.0
+_MAX_HEALTHY_NOISE_TOLERANCES = 4.0
 """Noise within this number of tolerances of its nominal value is taken as measured."""
 _MAX_GUST_R2 = 0.1
 """Largest cross-validated R² of a remainder that can be gusts."""
@@ -62,7 +63,7 @@ _MIN_EXPLAINED_CALIBRATED, _MIN_REMOVED_CALIBRATED, _MAX_R2_CALIBRATED = 0.7, 0.
 """Where healthy flights are not known: share of the excess that causes have to explain in the
 channels that they concern, share of all excess of the forces, and share of the remainder that
 other flights may predict."""
-_NEGLIGIBLE = 0.02
+_MAX_PREDICTED_SHARE = 0.02
 """Share of the excess of the forces that other flights may predict, whatever of the remainder."""
 _MAX_SHARE_OF_ONE_FLIGHT = 0.8
 """Largest share of the excess of the forces that one of several flights may hold with gusts."""
@@ -91,89 +92,122 @@ class FlightRemainder(Remainder):
     """Groups of channels with more than noise, the largest excess first."""
     excluded: tuple[Transient | LostMemory, ...] = ()
     """Short disturbances, and where an effect's memory is lost: they were excluded."""
+    passes: tuple[str, ...] = ()
+    """Names of the passes that changed the findings."""
 
 
 FlightAnalysis = Analysis[FlightProblem, FlightRemainder]
 
 
+@dataclass(frozen=True)
+class Pass:
+    """A further analysis, where the findings give a reason for it."""
+
+    name: str
+    """Completes *analysed again ...*."""
+    run: Callable[[FlightAnalysis], FlightAnalysis | None]
+    """Returns the new findings; None: no reason for it, or it explains nothing more."""
+
+
 def analyse(
     tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback = no_progress
 ) -> FlightAnalysis:
-    """Diagnose flights.
-
-    If the result is in doubt, again without what a memory that was lost may have done, and without
-    transients.
-    """
-    findings = _where_followed(tracks, nominal, _analysed(tracks, nominal, progress), progress)
-    findings = _in_swinging_air(nominal, findings, progress)
-    if findings.judgement.verdict in DOUBTS:
-        events = find_transients(findings.problem, findings.search.best.fit)
-        if events:
-            progress("again without moments that do not fit", 0.6)
-            before = findings.remainder.excluded
-            again = _analysed(exclude_spans(findings.problem.tracks, events), nominal, no_progress)
-            return _with_excluded(again, (*before, *events))
+    """Diagnose flights as recorded, then by each of `PASSES` in turn."""
+    progress("predicting", 0.0)
+    findings = analyse_problem(FlightProblem(tracks, nominal), check_residual, progress)
+    for each in PASSES:
+        progress(f"again {each.name}", 0.6)
+        again = each.run(findings)
+        if again is not None:
+            findings = with_history(again, findings.remainder, each.name)
     return findings
 
 
-def _where_followed(
-    tracks: Sequence[Track],
-    nominal: NominalModel,
-    findings: FlightAnalysis,
-    progress: ProgressCallback,
+def with_history(
+    findings: FlightAnalysis, before: FlightRemainder, *passes: str
 ) -> FlightAnalysis:
-    """Return the findings of what can be followed, where an effect with a memory is at work.
+    """Return findings with what was excluded before, and the names of the passes."""
+    excluded = tuple(dict.fromkeys((*before.excluded, *findings.remainder.excluded)))
+    remainder = replace(findings.remainder, excluded=excluded, passes=(*before.passes, *passes))
+    return replace(findings, remainder=remainder)
 
-    What is explained without it needs no second look.
+
+def without_lost_memories(findings: FlightAnalysis) -> FlightAnalysis | None:
+    """Analyse what can be followed, where an effect with a memory is at work.
+
+    Findings that are explained without the effect need no second look.
     """
-    judgement = findings.judgement
-    answered = {*judgement.effects, *judgement.members}
-    lost = lost_memories(findings.problem)
+    judgement, problem = findings.judgement, findings.problem
+    lost = lost_memories(problem)
     if judgement.verdict not in DOUBTS:
+        answered = {*judgement.effects, *judgement.members}
         lost = [each for each in lost if each.effect in answered]
-    left = exclude_spans(tracks, lost) if lost else []
+    left = exclude_spans(problem.tracks, lost) if lost else []
     if not left:
-        return findings
-    progress("again where memories can be followed", 0.5)
-    problem = FlightProblem(left, nominal)
-    null = Explanation((), problem.null_hypothesis, 0.0)
+        return None
+    followed = FlightProblem(left, problem.nominal)
+    null = Explanation((), followed.null_hypothesis, 0.0)
     effects = {each.effect for each in lost}
-    if not any(h.effect in effects for gain, h in rank_hypotheses(problem, null) if gain > 0.0):
-        return findings
-    again = analyse_problem(problem, check_residual, no_progress)
+    ranked = rank_hypotheses(followed, null)
+    if not any(h.effect in effects for gain, h in ranked if gain > 0.0):
+        return None
+    again = analyse_problem(followed, check_residual, no_progress)
     if not effects & {*again.judgement.effects, *again.judgement.members}:
-        return findings
-    return _with_excluded(again, lost)
+        return None
+    return _excluding(again, lost)
 
 
-def _in_swinging_air(
-    nominal: NominalModel, findings: FlightAnalysis, progress: ProgressCallback
-) -> FlightAnalysis:
-    """Return the findings with the swing of a wind, where one is left and its mean is a cause.
+def in_swinging_air(findings: FlightAnalysis) -> FlightAnalysis | None:
+    """Analyse with the swing of a wind, where one is left and its mean is a cause.
 
-    A force that swings without a mean may be a push as well: it is no wind, nor is it gusts.
+    A force that swings without a mean is neither wind nor gusts: it may be a push as well.
     """
-    judgement = findings.judgement
+    judgement, problem, best = findings.judgement, findings.problem, findings.search.best
     if judgement.verdict not in DOUBTS and "gusts" not in judgement.effects:
-        return findings
+        return None
     # A map that is turned would turn the swing with it.
-    best = findings.search.best
     kept = [e for e in best.effects if REGISTRY[e].stage is not Stage.MOCAP]
-    tracks = with_swing(findings.problem, restrict_to(findings.problem, best, kept).fit)
+    tracks = with_swing(problem, restrict_to(problem, best, kept).fit)
     if tracks is None:
-        return findings
-    progress("again in air that swings", 0.6)
-    again = _analysed(tracks, nominal, no_progress)
+        return None
+    swinging = FlightProblem(tracks, problem.nominal)
+    again = analyse_problem(swinging, check_residual, no_progress)
     if WIND in again.judgement.effects and along(tracks, *mean_wind(again)):
-        return _with_excluded(again, findings.remainder.excluded)
+        return again
     return _without_gusts(findings)
 
 
-def _without_gusts(findings: FlightAnalysis) -> FlightAnalysis:
-    """Return findings whose gusts are something else, that is not known."""
+def without_transients(findings: FlightAnalysis) -> FlightAnalysis | None:
+    """Analyse doubtful findings without the moments that no effect describes."""
+    problem = findings.problem
+    if findings.judgement.verdict not in DOUBTS:
+        return None
+    events = find_transients(problem, findings.search.best.fit)
+    if not events:
+        return None
+    quiet = FlightProblem(exclude_spans(problem.tracks, events), problem.nominal)
+    return _excluding(analyse_problem(quiet, check_residual, no_progress), events)
+
+
+PASSES: Sequence[Pass] = (
+    Pass("where memories can be followed", without_lost_memories),
+    Pass("in air that swings", in_swinging_air),
+    Pass("without moments that do not fit", without_transients),
+)
+"""In this order, each on the findings of the one before."""
+
+
+def _excluding(
+    findings: FlightAnalysis, events: Sequence[Transient | LostMemory]
+) -> FlightAnalysis:
+    return replace(findings, remainder=replace(findings.remainder, excluded=tuple(events)))
+
+
+def _without_gusts(findings: FlightAnalysis) -> FlightAnalysis | None:
+    """Return findings whose gusts are an unknown force; None without gusts."""
     left = findings.remainder
     if left.gusts is None:
-        return findings
+        return None
     left = replace(
         left, gusts=None, clean=False, clean_where_explained=False, imitated={},
         noise_log_bf={e: v for e, v in left.noise_log_bf.items() if e != "gusts"},
@@ -191,25 +225,12 @@ def mean_wind(findings: FlightAnalysis) -> tuple[float, float]:
     return float(theta[places["east"]]), float(theta[places["north"]])
 
 
-def _with_excluded(
-    findings: FlightAnalysis, events: Sequence[Transient | LostMemory]
-) -> FlightAnalysis:
-    return replace(findings, remainder=replace(findings.remainder, excluded=tuple(events)))
-
-
-def _analysed(
-    tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback
-) -> FlightAnalysis:
-    progress("predicting", 0.0)
-    return analyse_problem(FlightProblem(tracks, nominal), check_residual, progress)
-
-
 def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemainder:
     """Return the remainder of the best explanation, tested against known noise and gusts."""
     nominal, best = problem.nominal, result.best.fit
     # Of a vehicle that the suite does not know, healthy noise is not known either.
     fits = [] if nominal.calibrated else fit_noise_effects(problem.tracks, nominal, problem.theta)
-    least = LOG_BF_FIRST + problem.setting.rarity
+    least = LOG_BF_FIRST + problem.setting.log_prior_cost
     noise_fits = select_noise_fits(fits, least)
     theta = best.theta.copy()
     for fit in sorted(fits, key=lambda each: each.evidence):
@@ -254,7 +275,7 @@ def _share_of_one_flight(problem: FlightProblem, fit: Fit, expected: ScaleVarian
     Of two flights or one: zero, as nothing tells which of them is usual. Air moves in every
     flight; a wall, a cable or a knock may be there in one.
     """
-    if len(problem.tracks) < _FEW_FLIGHTS:
+    if len(problem.tracks) < _MIN_FLIGHTS_FOR_SHARE:
         return 0.0
     excess = []
     for f in range(len(problem.tracks)):
@@ -288,7 +309,7 @@ def weigh_remainder(
         clean = (
             explained > _MIN_EXPLAINED_CALIBRATED
             and explanation.of_forces > _MIN_REMOVED_CALIBRATED
-            and (remainder.residual_r2 < _MAX_R2_CALIBRATED or predicted < _NEGLIGIBLE)
+            and (remainder.residual_r2 < _MAX_R2_CALIBRATED or predicted < _MAX_PREDICTED_SHARE)
         )
         mostly = min(explained, explanation.of_forces) > _MIN_PARTIAL_SHARE_CALIBRATED
         clean_where_explained = clean
@@ -331,7 +352,8 @@ def select_noise_fits(fits: Sequence[NoiseFit], least: float = LOG_BF_FIRST) -> 
 def _within_tolerance(fit: NoiseFit, theta: Array, nominal: NominalModel) -> bool:
     """Return whether noise is within a few tolerances of its nominal value."""
     return len(fit.free) == 1 and all(
-        abs(value - float(theta[i])) < _HEALTHY * nominal.parameters[i].tolerance
+        abs(value - float(theta[i]))
+        < _MAX_HEALTHY_NOISE_TOLERANCES * nominal.parameters[i].tolerance
         for i, value in zip(fit.free, fit.value, strict=True)
     )
 
@@ -361,7 +383,7 @@ def explained_excess(
         much = max((was.measured / was.expected) ** 2 - 1.0, 0.0)
         less = max((now.measured / now.expected) ** 2 - 1.0, 0.0)
         table.append((channel_group(was.channel), much, less))
-    concerned = [row for row in table if row[2] < _CONCERNS * row[1]]
+    concerned = [row for row in table if row[2] < _MAX_EXCESS_LEFT_SHARE * row[1]]
     shares = [1.0 - less / much for _, much, less in concerned]
     return ExplainedExcess(
         sum(shares) / len(shares) if shares else 0.0,

@@ -165,7 +165,7 @@ def summary(findings: FlightAnalysis, causes: Sequence[Cause], gains: Sequence[G
     if judgement.verdict == "set":
         return (
             f"The flights can't tell {listed(judgement.members)} apart: each explains them. "
-            "Fly the separating experiment."
+            "The experiment below separates them."
         )
     cause_texts = capital("; ".join(_cause_text(cause) for cause in causes))
     gain = ""

@@ -6,7 +6,7 @@ No cause may make a prediction surely worse: one that does is taken away.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from tombo_diagnosis.engine.model import Explanation, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST, restrict_to
 from tombo_diagnosis.engine.regression import Fit, FreeParameter, solve
 from tombo_diagnosis.engine.verdict import analyse_problem
-from tombo_diagnosis.flight.analyse import FlightAnalysis, check_residual
+from tombo_diagnosis.flight.analyse import FlightAnalysis, check_residual, with_history
 from tombo_diagnosis.flight.fit.prediction import (
     motion_of,
     residuals,
@@ -372,9 +372,7 @@ def refuse_contradicted(findings: FlightAnalysis) -> HeldOutTest:
         problem = findings.problem
         problem.refuse(refused)
         again = analyse_problem(problem, check_residual, no_progress)
-        findings = replace(
-            again, remainder=replace(again.remainder, excluded=findings.remainder.excluded)
-        )
+        findings = with_history(again, findings.remainder)
 
 
 def _culprit(findings: FlightAnalysis, final: Explanation, worst: Gain) -> str:

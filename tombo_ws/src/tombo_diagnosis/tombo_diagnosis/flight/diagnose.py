@@ -20,8 +20,9 @@ from tombo_diagnosis.control.controller import (
     with_controller,
 )
 from tombo_diagnosis.control.signals import DrivePlant
-from tombo_diagnosis.diagnosis import Diagnosis, Experiment, FlightSummary, Residual
+from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary, Leftover, Residual
 from tombo_diagnosis.engine.model import Explanation
+from tombo_diagnosis.engine.separation import separating_experiment
 from tombo_diagnosis.flight.analyse import DOUBTS, FlightAnalysis, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.cause_estimates import (
@@ -38,18 +39,17 @@ from tombo_diagnosis.flight.cross_validation import (
     nominal_residuals,
     refuse_contradicted,
 )
-from tombo_diagnosis.flight.experiment_design import separate
 from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.track import Track, track_of
 from tombo_diagnosis.flight.fit.transients import excluded_findings
-from tombo_diagnosis.flight.leftover_samples import flight_leftover, leftover_quantities
+from tombo_diagnosis.flight.leftover import flight_leftover, leftover_quantities
 from tombo_diagnosis.flight.nominal import (
     NominalModel,
     held_against,
     nominal_model,
     nominal_tolerances,
 )
-from tombo_diagnosis.leftover.leftover import Leftover
+from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Model
 from tombo_flight.model_file import read_model
@@ -61,8 +61,6 @@ from tombo_logs.checks.pipeline import POSE
 from tombo_logs.checks.rotors.hover import Hover, hover_of
 from tombo_logs.readers.log_reader import read_logs
 from tombo_logs.readers.vehicle_airframe import vehicle_of
-
-Separate = Callable[[FlightAnalysis, ProgressCallback], Experiment | None]
 
 _BLOCK_S = 8.0
 """A single flight is cut into blocks of about this length, which stand for flights."""
@@ -81,7 +79,6 @@ def diagnose_flights(
     logs: Sequence[Flight],
     nominal: NominalModel,
     progress: ProgressCallback = no_progress,
-    separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
     left_out: Sequence[Finding] = (),
 ) -> tuple[Diagnosis, FlightAnalysis]:
@@ -91,7 +88,6 @@ def diagnose_flights(
         logs: flights of one vehicle, checked (`tombo_logs.checks`).
         nominal: the model; of a vehicle that is not the suite's own one is made from the flights.
         progress: called with a stage and the share done.
-        separate: finds the experiment that separates what the flights can't.
         clock: seconds, for the run time.
         left_out: why flights are not among `logs`.
 
@@ -121,16 +117,12 @@ def diagnose_flights(
     )
     vehicle = problem.nominal.vehicle
     unweighed = any(not shown_by_scale(c.effect, c.theta, vehicle) for c in causes)
-    experiment = None
-    if judgement.members and separate is not None:
-        progress("looking for a separating experiment", 0.85)
-        experiment = separate(findings, progress)
     progress("done", 1.0)
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
         causes=causes,
         set=judgement.members,
-        separating_experiment=experiment,
+        separating_experiment=separating_experiment(judgement.members, REGISTRY),
         gain=tuple(gains),
         prechecks=(
             *(f for log in logs for f in log.findings),
@@ -156,6 +148,7 @@ def diagnose_flights(
         leftover=_leftover(findings, final),
         controller=controller,
         tolerances=nominal_tolerances(nominal),
+        passes=findings.remainder.passes,
     )
     return diagnosis, findings
 
@@ -334,7 +327,6 @@ def diagnose_files(
     names: Mapping[str, str] | None = None,
     vehicle: VehicleFile | None = None,
     progress: ProgressCallback = no_progress,
-    separate: Separate | None = None,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> tuple[Diagnosis, FlightAnalysis]:
     """Read, check and diagnose flights: see `read_and_check` and `diagnose_flights`.
@@ -343,7 +335,7 @@ def diagnose_files(
         InputError: a log or the mapping can't be used, or no flight can.
     """
     logs, refused = read_and_check(paths, mapping, names, vehicle, nominal, progress)
-    return diagnose_flights(logs, nominal, progress, separate, clock, refused)
+    return diagnose_flights(logs, nominal, progress, clock, refused)
 
 
 def diagnose_logs(
@@ -375,7 +367,5 @@ def diagnose_logs(
     base = None if model is None else read_model(model)
     nominal = nominal_model(model, vehicle)
     file = None if vehicle is None else read_vehicle(vehicle)
-    diagnosis, _ = diagnose_files(
-        logs, nominal, mapping, names, file, on_progress, separate, clock
-    )
+    diagnosis, _ = diagnose_files(logs, nominal, mapping, names, file, on_progress, clock)
     return diagnosis, nominal.label, base

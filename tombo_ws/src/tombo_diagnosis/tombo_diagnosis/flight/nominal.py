@@ -94,12 +94,15 @@ class NominalModel:
     def parameters(self) -> tuple[FreeParameter, ...]:
         """All parameters of theta, with sizes that matter for this vehicle."""
         return tuple(
-            replace(_known_to(p, self.tolerances.get(p.label)), doubt=self.doubt)
+            replace(
+                _known_to(p, self.tolerances.get(p.label)),
+                tolerance_inflation=self.tolerance_inflation,
+            )
             for p in parameters(self.vehicle.mass, self.vehicle.arm_length)
         )
 
     @cached_property
-    def doubt(self) -> float:
+    def tolerance_inflation(self) -> float:
         """Factor by which tolerances may be too small, as far as the vehicle's flights tell.
 
         That of a standard deviation at its upper 97.5 % bound, other vehicles counted, too.

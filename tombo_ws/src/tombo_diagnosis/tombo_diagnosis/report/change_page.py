@@ -1,10 +1,9 @@
-"""The page and the files of a comparison with healthy flights."""
+"""The page of a comparison with healthy flights."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +12,7 @@ from matplotlib.figure import Figure
 from tombo_diagnosis.change.diagnose import ChangeData
 from tombo_diagnosis.change.features import Features
 from tombo_diagnosis.change.verdict import headline, phrase
-from tombo_diagnosis.diagnosis import JSON, REPORT, Change, Diagnosis, diagnosis_mapping
+from tombo_diagnosis.diagnosis import Change, Diagnosis, diagnosis_mapping
 from tombo_diagnosis.report.controller_items import controller_items
 from tombo_diagnosis.report.page import (
     candidate_items,
@@ -26,43 +25,9 @@ from tombo_diagnosis.report.words import STYLES, badge
 from tombo_diagnosis.wording import counted, figure
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
-from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.report.flight_plot import figure_bytes
-from tombo_flight.report.html import write_page
-from tombo_flight.report.page import Page, Picture, Section, page_json
-
-if TYPE_CHECKING:
-    from tombo_flight.process.output_folder import OutputFolder
-
-PLOT: Final = "plots/changed.png"
-CHANGE_FILES: Final = (JSON, REPORT, PLOT)
-"""All names that a comparison may write."""
-
-
-def write_change(
-    folder: OutputFolder,
-    diagnosis: Diagnosis,
-    data: ChangeData,
-    *,
-    pictures: bool = True,
-    on_progress: ProgressCallback = no_progress,
-) -> None:
-    """Write the files of a comparison into an output folder, which the caller publishes.
-
-    Raises:
-        OSError: the files can't be written.
-    """
-    on_progress(f"writing {JSON}", 0.0)
-    page = change_page(diagnosis, data)
-    (folder / JSON).write_text(page_json(page), encoding="utf-8", newline="\n")
-    if not pictures:
-        return
-    on_progress(f"writing {REPORT}", 0.3)
-    (folder / "plots").mkdir()
-    (folder / PLOT).write_bytes(figure_bytes(draw_change(data)))
-    write_page(folder / REPORT, page)
+from tombo_flight.report.page import Page, Picture, Section
 
 
 def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:

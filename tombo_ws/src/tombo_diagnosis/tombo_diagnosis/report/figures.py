@@ -1,27 +1,32 @@
-"""Figures of a diagnosis: residuals against time and driver, gains, all in one picture."""
+"""Figures of a diagnosis: residuals against time and driver, and the summary in one picture."""
 
 from __future__ import annotations
 
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from tombo_diagnosis.diagnosis import Cause, Diagnosis, Residual
+from tombo_diagnosis.diagnosis import Cause, Dependence, Diagnosis, Leftover, Residual
 from tombo_diagnosis.report import residual_data as data
 from tombo_diagnosis.report.residual_data import Pair, corrected
-from tombo_diagnosis.report.words import LABELS, STYLES, best_gains, headline, leading
-from tombo_diagnosis.wording import certainty, display_name, figure, interval, percent, unit
-from tombo_dynamics.arrays import Array
+from tombo_diagnosis.report.words import (
+    LABELS,
+    LEFTOVER_UNITS,
+    STYLES,
+    best_gains,
+    headline,
+    leading,
+    variable_name,
+)
+from tombo_diagnosis.wording import certainty, display_name, interval, percent, unit
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
@@ -32,38 +37,11 @@ UNCHANGED: Final = style.UNCHANGED
 """A residual that is the same before and after."""
 LOG_FAULT: Final = style.PURPLE
 """Fault or doubt in the log."""
-_DPI: Final = 150
-_MOST_ROWS: Final = 8
 _WIDEST: Final = 115.0
 """How far a bar may reach, per cent."""
 _PANEL_IN: Final = (4.8, 2.75)
-_SMALL_IN: Final = (2.2, 0.8)
-
-
-def draw_residuals(diagnosis: Diagnosis) -> Figure:
-    """Draw every channel against time, in the flight that shows it best."""
-    groups = list(data.by_channel(diagnosis.residuals).values())[:_MOST_ROWS]
-    panels = [partial(time_axes, diagnosis=diagnosis, group=group) for group in groups]
-    return _sheet(diagnosis, "residuals against time", panels, (10.0, 1.75), 1)
-
-
-def draw_drivers(diagnosis: Diagnosis) -> Figure:
-    """Draw residuals against what drives them, with means in slices."""
-    panels = [partial(pair_axes, pair=pair) for pair in data.pairs(diagnosis, 6)]
-    title = "residuals against what drives them, all flights"
-    return _sheet(diagnosis, title, panels, (5.0, 3.4), min(2, len(panels)))
-
-
-def draw_gains(diagnosis: Diagnosis) -> Figure:
-    """Draw the prediction error on held-out flights before and after."""
-    groups = [
-        [g for g in diagnosis.gain if g.horizon == horizon]
-        for horizon in dict.fromkeys(g.horizon for g in diagnosis.gain)
-    ]
-    panels = [partial(gain_axes, group=group) for group in groups]
-    rows = max((len(group) for group in groups), default=1)
-    title = "prediction error on held-out flights"
-    return _sheet(diagnosis, title, panels, (8.0, 0.8 + 0.32 * rows), 1, keyed=False)
+_MAX_POINTS: Final = 900
+"""Of a line against time."""
 
 
 def draw_pair(pair: Pair) -> Figure:
@@ -82,43 +60,47 @@ def _panel(draw: Callable[[Axes], None]) -> Figure:
     return sheet
 
 
-class SmallFigures:
-    """Whole residuals against time without words, all on one sheet: making it takes longest."""
+def draw_dependence(leftover: Leftover, found: Dependence) -> Figure:
+    """Draw the means of a leftover in slices of a variable that it follows, for a page."""
+    flights = [s for s in leftover.samples if s.quantity == found.quantity]
+    x = np.concatenate([s.state[found.variable] for s in flights])
+    values = np.vstack([s.map if found.frame == "map" else s.body for s in flights])
+    # Samples of two seconds count as one.
+    stretches = [np.floor(s.state["t"] / 2.0).astype(np.int64) for s in flights]
+    first = np.cumsum([0, *(int(b.max()) + 1 for b in stretches)])
+    block = np.concatenate([b + k for b, k in zip(stretches, first[:-1], strict=True)])
 
-    def __init__(self, diagnosis: Diagnosis, buckets: int) -> None:
-        self.diagnosis, self.buckets = diagnosis, buckets
-        with new_figure(*_SMALL_IN, 100) as self.sheet:
-            self.axes = self.sheet.add_axes((0.005, 0.01, 0.99, 0.98))
-            self.axes.set_axis_off()
+    def draw(axes: Axes) -> None:
+        axes.axhline(0.0, color=style.MUTED, lw=0.7, zorder=1)
+        colours = (style.VERMILLION, style.GREEN, style.BLUE)
+        for axis, colour, y in zip("xyz", colours, values.T, strict=True):
+            if np.isfinite(y).all():
+                bins = data.binned(x, y, block)
+                axes.errorbar(
+                    bins.x, bins.mean, yerr=np.nan_to_num(bins.half), color=colour, lw=1.4,
+                    marker="o", ms=3, elinewidth=0.9, label=f"{found.frame} {axis}",
+                )  # fmt: skip
+        axes.legend(loc="best", ncols=3, fontsize=7)
+        axes.set_xlabel(variable_name(found.variable))
+        axes.set_ylabel(f"{found.quantity} left over [{LEFTOVER_UNITS[found.quantity]}]")
 
-    def draw(self, residual: Residual, limit: float) -> Figure:
-        """Draw one up to `limit`, in place of the one before."""
-        for mark in (*self.axes.lines, *self.axes.patches):
-            mark.remove()
-        with mpl.rc_context(style.RC):
-            residual_marks(self.axes, self.diagnosis, residual, self.buckets)
-        self.axes.set(xlim=data.ends(residual.t), ylim=(-limit, limit))
-        return self.sheet
+    return _panel(draw)
 
 
 def time_axes(axes: Axes, diagnosis: Diagnosis, group: Sequence[Residual]) -> None:
     """Draw one channel against time into axes."""
     shown = data.clearest(group)
-    start, end = data.stretch(shown)
     zero = data.zero_s(diagnosis, shown.flight)
-    inside = (shown.t >= start) & (shown.t <= end)
-    t, before, after = shown.t[inside] - zero, shown.before[inside], shown.after[inside]
-    residual_marks(axes, diagnosis, replace(shown, t=t, before=before, after=after), 900, zero)
-    limit = data.reach([before, after], 2.5 * shown.sigma)
-    axes.set(xlim=(start - zero, max(end, start + 1e-3) - zero), ylim=(-limit, limit))
+    residual_marks(axes, diagnosis, shown, zero)
+    limit = data.reach([shown.before, shown.after], 2.5 * shown.sigma)
+    start, end = float(np.nanmin(shown.t)) - zero, float(np.nanmax(shown.t)) - zero
+    axes.set(xlim=(start, max(end, start + 1.0)), ylim=(-limit, limit))
     axes.set_xlabel(f"time [s], {shown.flight}", parse_math=False, labelpad=2)
     name = f"{display_name(shown.channel)}\n[{unit(shown.unit) or '1'}]"
     axes.set_ylabel(name, parse_math=False)
 
 
-def residual_marks(
-    axes: Axes, diagnosis: Diagnosis, residual: Residual, buckets: int, zero_s: float = 0.0
-) -> None:
+def residual_marks(axes: Axes, diagnosis: Diagnosis, residual: Residual, zero_s: float) -> None:
     """Draw a residual against time: noise, what the checks found, lines before and after."""
     _noise(axes, residual.sigma)
     for finding in diagnosis.prechecks:
@@ -127,9 +109,11 @@ def residual_marks(
             axes.axvspan(*ends, color=LOG_FAULT, alpha=0.2, lw=0, zorder=0)
     changed = corrected([residual])
     same = not changed and corrected(diagnosis.residuals)
-    _lines(axes, residual.t, residual.before, UNCHANGED if same else BEFORE, buckets)
-    if changed:
-        _lines(axes, residual.t, residual.after, AFTER, buckets)
+    drawn = [(residual.before, UNCHANGED if same else BEFORE)]
+    drawn += [(residual.after, AFTER)] if changed else []
+    for values, colour in drawn:
+        for t, y in data.runs(residual.t - zero_s, values, _MAX_POINTS):
+            axes.plot(t, y, color=colour, lw=1.0)
 
 
 def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6, points: int = 1000) -> None:
@@ -150,8 +134,8 @@ def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6, points: int = 1000) -> N
     axes.set_ylabel(f"{display_name(pair.channel)} [{unit(pair.unit) or '1'}]", parse_math=False)
 
 
-def gain_axes(axes: Axes, group: Sequence[Gain], *, values: bool = True) -> None:
-    """Draw errors as bars: what is left in per cent of what was, and the `values` beside it."""
+def gain_axes(axes: Axes, group: Sequence[Gain]) -> None:
+    """Draw errors as bars: what is left, in per cent of what was."""
     rows = np.arange(len(group))[::-1]
     axes.axvline(100.0, color=BEFORE, lw=2.0)
     for row, gain in zip(rows, group, strict=True):
@@ -165,23 +149,18 @@ def gain_axes(axes: Axes, group: Sequence[Gain], *, values: bool = True) -> None
             axes.plot(ends, (row, row), color=style.INK, lw=1.6, solid_capstyle="butt")
         text = f"{'−' if gain.reduction >= 0.0 else '+'}{percent(abs(gain.reduction))}"
         axes.text(_WIDEST + 2.0, row, text, va="center", weight="bold")
-        if values:
-            beside = f"{figure(gain.before)} → {figure(gain.after)} {unit(gain.unit)}"
-            at = _WIDEST + 22.0
-            axes.text(at, row, beside, va="center", color=style.MUTED, parse_math=False)
     axes.set_yticks(rows, [display_name(g.channel) for g in group], parse_math=False)
-    axes.set(xlim=(0.0, _WIDEST + (75.0 if values else 40.0)), ylim=(-0.6, len(group) - 0.4))
+    axes.set(xlim=(0.0, _WIDEST + 40.0), ylim=(-0.6, len(group) - 0.4))
     axes.set_xticks([0, 25, 50, 75, 100])
-    axes.set_xlabel(f"error left, % of that before ({group[0].horizon})", loc="left")
+    axes.set_xlabel("% of the error left, held out", loc="left")
     axes.grid(visible=False)
     axes.spines["bottom"].set_bounds(0.0, _WIDEST)
     axes.tick_params(left=False)
 
 
-def _legend_handles(extended: bool, *, same: bool = False) -> list[Line2D | Patch]:
+def _legend_handles(extended: bool) -> list[Line2D | Patch]:
     named = [("before" if extended else "residual", BEFORE)]
     named += [("after", AFTER)] if extended else []
-    named += [("the same before and after", UNCHANGED)] if same else []
     lines = [Line2D([], [], color=colour, lw=2.5, label=name) for name, colour in named]
     return [*lines, Patch(color=style.FAINT, label="±2σ of measurement noise")]
 
@@ -190,41 +169,6 @@ def _noise(axes: Axes, sigma: float) -> None:
     if math.isfinite(sigma):
         axes.axhspan(-2.0 * sigma, 2.0 * sigma, color=style.FAINT, alpha=0.7, lw=0, zorder=0)
     axes.axhline(0.0, color=style.MUTED, lw=0.7, zorder=1)
-
-
-def _lines(axes: Axes, t: Array, y: Array, colour: str, buckets: int) -> None:
-    for a, b in data.runs(t, y, buckets):
-        axes.plot(a, b, color=colour, lw=1.0)
-
-
-def _sheet(
-    diagnosis: Diagnosis,
-    title: str,
-    panels: Sequence[Callable[[Axes], None]],
-    size_in: tuple[float, float],
-    columns: int,
-    *,
-    keyed: bool = True,
-) -> Figure:
-    """Make a figure of equal axes; without any, with the words "nothing to show"."""
-    columns = max(columns, 1)
-    rows = max(1, -(-len(panels) // columns))
-    size = (max(size_in[0] * columns, 8.0), size_in[1] * rows + 0.8)
-    with new_figure(*size, _DPI, layout="constrained") as sheet:
-        sheet.suptitle(
-            f"{headline(diagnosis)}: {title}", x=0.01, ha="left", weight="bold", size=11,
-            parse_math=False, wrap=True,
-        )  # fmt: skip
-        for k, panel in enumerate(panels):
-            panel(sheet.add_subplot(rows, columns, k + 1))
-        if not panels:
-            sheet.text(0.5, 0.4, "nothing to show", ha="center", color=style.MUTED)
-        elif keyed:
-            extended = corrected(diagnosis.residuals)
-            some = any(not corrected([r]) for r in diagnosis.residuals)
-            handles = _legend_handles(extended, same=extended and some and columns == 1)
-            sheet.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-    return sheet
 
 
 _COLOURS: Final = {"good": style.GREEN, "warn": "#B07A00", "bad": style.VERMILLION}
@@ -243,8 +187,7 @@ def draw_summary(diagnosis: Diagnosis) -> Figure:
         _summary_residual(sheet, diagnosis)
         if gains:
             axes = sheet.add_axes((0.79, 0.085, 0.2, height))
-            gain_axes(axes, gains, values=False)
-            axes.set_xlabel("% of the error left, held out", loc="left")
+            gain_axes(axes, gains)
     return sheet
 
 

@@ -6,14 +6,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from html import escape
 from typing import Final
 
 import numpy as np
 
 from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import (
-    MISSION,
     MODEL,
     Cause,
     Diagnosis,
@@ -23,22 +21,23 @@ from tombo_diagnosis.diagnosis import (
     diagnosis_mapping,
 )
 from tombo_diagnosis.extend_model import extends
-from tombo_diagnosis.leftover.leftover import UNITS
 from tombo_diagnosis.report import figures, residual_data
 from tombo_diagnosis.report.controller_items import controller_items
-from tombo_diagnosis.report.leftover_figure import draw_leftover
 from tombo_diagnosis.report.residual_data import Pair, corrected, rms
 from tombo_diagnosis.report.words import (
+    LEFTOVER_UNITS,
     STYLES,
     badge,
     best_gains,
     causes_title,
     changes,
     compared_with,
+    dependence_text,
     detectable_text,
     headline,
     leading,
     next_steps,
+    variable_name,
 )
 from tombo_diagnosis.wording import (
     DASH,
@@ -70,8 +69,6 @@ from tombo_flight.report.page import (
     Text,
 )
 
-MOST_PANELS: Final = 60
-"""Small pictures of all channels; of more flights those that show most."""
 _LARGE_SET: Final = 3
 _MOST_RIVALS: Final = 3
 _CANDIDATES_SHOWN: Final = 8
@@ -93,6 +90,7 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
     zeros = {f.name: residual_data.zero_s(diagnosis, f.name) for f in diagnosis.flights}
     shown = detectable_text(diagnosis) if diagnosis.verdict == "none" else ""
     model, seconds = diagnosis.model or "the suite’s own", figure(diagnosis.seconds, 2)
+    passes = f"Analysed again {', then '.join(diagnosis.passes)}. " if diagnosis.passes else ""
     pairs = residual_data.pairs(diagnosis, 7)
     several = diagnosis.verdict != "set" and len(diagnosis.causes) > 1
     candidates = candidate_items(diagnosis.candidates, several)
@@ -124,8 +122,8 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
         ],
         data=diagnosis_mapping(diagnosis),
         footer="Residual: measured minus model, all channels through the same zero-phase "
-        f"filter. Intervals are 95 %. Held against: {model}. Diagnosed in {seconds} s after "
-        "loading. The same in diagnosis.json, beside this page.",
+        f"filter. Intervals are 95 %. Held against: {model}. {passes}Diagnosed in {seconds} s "
+        "after loading. The same in diagnosis.json, beside this page.",
     )
 
 
@@ -165,14 +163,9 @@ def _gap(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> list[Item]:
     if not groups:
         return [Text(["No residual to show: nothing could be compared."], "hint")]
     residuals = groups[pairs[0].channel if pairs else next(iter(groups))]
-    name, flight = display_name(residuals[0].channel), residual_data.clearest(residuals).flight
-    pictures = [
-        *map(_pair_picture, pairs),
-        Picture(
-            partial(figures.draw_channel, diagnosis, residuals), f"Flight {flight}",
-            f"{name} against time", "narrow",
-        ),
-    ]  # fmt: skip
+    name = display_name(residuals[0].channel)
+    against_time = _channel_picture(diagnosis, residuals, "Against time")
+    pictures = [*map(_pair_picture, pairs), against_time]
     text, noise = _rms_text(residuals), residual_data.noise_of(residuals)
     if math.isfinite(noise):
         text = f"{text}; noise alone makes {figure(noise)}"
@@ -211,36 +204,21 @@ def _drivers(diagnosis: Diagnosis, pairs: Sequence[Pair]) -> list[Item]:
 
 
 def _channels(diagnosis: Diagnosis) -> list[Item]:
-    """Return every channel in every flight, small, on one scale for each channel."""
+    """Return every channel against time, in the flight that shows it best."""
     groups = residual_data.by_channel(diagnosis.residuals)
     if not groups:
         return []
-    most = max(1, MOST_PANELS // len(groups))
-    panels = sum(min(most, len(group)) for group in groups.values())
-    small = figures.SmallFigures(diagnosis, int(np.clip(6000 // panels, 60, 220)))
     extended = corrected(diagnosis.residuals)
     same = extended and not all(corrected([r]) for r in diagnosis.residuals)
     faults = any(map(residual_data.spans, diagnosis.prechecks))
-    legend = _legend(extended, same=same, faults=faults)
-    return [legend, *(_channel(small, group, most) for group in groups.values())]
+    pictures = [_channel_picture(diagnosis, group, _rms_text(group)) for group in groups.values()]
+    return [_legend(extended, same=same, faults=faults), Group(pictures, "figures")]
 
 
-def _channel(small: figures.SmallFigures, group: Sequence[Residual], most: int) -> Group:
-    largest = sorted(range(len(group)), key=lambda k: -rms(group[k].before))[:most]
-    shown = [group[k] for k in sorted(largest)]
-    sigma = max([0.0, *(r.sigma for r in group if math.isfinite(r.sigma))])
-    values = [r.before for r in group] + [r.after for r in group]
-    limit = residual_data.reach(values, 2.5 * sigma)
-    pictures = []
-    for residual in shown:
-        start, end = residual_data.ends(residual.t)
-        draw = partial(small.draw, residual, limit)
-        pictures.append(Picture(draw, f"{end - start:.0f} s", residual.flight, "small"))
-    hidden = len(group) - len(shown)
-    more = f" · {hidden} more flights not shown, smaller" if hidden else ""
-    scale = f"scale ±{figure(limit, 2)} {unit(group[0].unit)}"
-    title = f"{display_name(group[0].channel)}: {_rms_text(group)} · {scale}{more}"
-    return Group([Text([title], "heading"), Group(pictures, "smalls")], "channel")
+def _channel_picture(diagnosis: Diagnosis, group: Sequence[Residual], caption: str) -> Picture:
+    name = f"{display_name(group[0].channel)} in {residual_data.clearest(group).flight}"
+    draw = partial(figures.draw_channel, diagnosis, group)
+    return Picture(draw, caption, name, "narrow")
 
 
 def _rms_text(residuals: Sequence[Residual]) -> str:
@@ -259,34 +237,17 @@ def _leftover(diagnosis: Diagnosis) -> list[Item]:
     leftover = diagnosis.leftover
     if leftover is None:
         return []
-    caption = "What is left over against what could drive it, all flights"
-    sizes = listed([f"{quantity} {figure(size)} {UNITS[quantity]}"
+    sizes = listed([f"{quantity} {figure(size)} {LEFTOVER_UNITS[quantity]}"
                     for quantity, size in leftover.rms.items()])  # fmt: skip
-    items: list[Item] = [
-        Picture(partial(draw_leftover, diagnosis), caption),
-        Text([f"Left over: {sizes} (root mean square)."]),
-    ]
-    if not leftover.terms:
-        text = "No term of the dictionary predicts the leftover in flights held out."
-        return [*items, Text([text], "hint")]
-    rows = [
-        (
-            f"{term.quantity}: {term.name}", f"{figure(term.value)} {unit(term.unit)}",
-            f"{figure(term.low)} to {figure(term.high)}", Cell(term.formula, code=True),
-            percent(leftover.r2[term.quantity]), term.remark,
+    text = f"Left over: {sizes} (root mean square). {dependence_text(leftover)}"
+    pictures = [
+        Picture(
+            partial(figures.draw_dependence, leftover, each), "All flights; mean in slices",
+            f"{each.quantity} left over against {variable_name(each.variable)}", "narrow",
         )
-        for term in leftover.terms
+        for each in leftover.dependences
     ]  # fmt: skip
-    head = ("term", "coefficient", "95 % interval", "times", "R², held out", "remark")
-    items.append(Table(head, rows, "leftover"))
-    if leftover.effect:
-        text = (
-            "A first guess of the missing effect, ready to paste as a file under "
-            "tombo_dynamics/effects/ (CONTRIBUTING.md, Adding an effect):"
-        )
-        code = [Text([text], "hint"), Text(leftover.effect.splitlines(), "command")]
-        items.append(Folded("as an effect", code))
-    return items
+    return [Text([text]), *([Group(pictures, "figures")] if pictures else [])]
 
 
 def _next_flight(diagnosis: Diagnosis, folder: str, vehicle: str) -> list[Item]:
@@ -294,22 +255,7 @@ def _next_flight(diagnosis: Diagnosis, folder: str, vehicle: str) -> list[Item]:
     prefix = f"{folder}/" if folder else ""
     experiment = diagnosis.separating_experiment
     if experiment is not None:
-        names = " / ".join(map(display_name, experiment.effects))
-        items.append(Text([f"{names}. {experiment.text}"]))
-        if experiment.mission:
-            command = command_line(("fly", prefix + MISSION), [("--vehicle", vehicle)])
-            text = (
-                "Flies it in simulation first; with --px4 URL it flies on the vehicle. Then "
-                "diagnose the new flight together with these."
-            )
-            items += [Text([command], "command"), Text([text], "hint")]
-        if math.isfinite(experiment.separation):
-            text = (
-                "Expected to tell them apart by a log Bayes factor of "
-                f"{figure(experiment.separation, 2)}; these flights: "
-                f"{figure(experiment.present, 2)} (5 is strong)."
-            )
-            items.append(Text([text], "hint"))
+        items.append(Text([experiment.text]))
     if extends(diagnosis):
         options = [("--model", prefix + MODEL), ("--vehicle", vehicle)]
         items.append(Text(["The extended model is written; fly it:"]))
@@ -351,10 +297,9 @@ def _cause(cause: Cause) -> Group:
             [
                 Cell(theta.name, code=True), f"{value} {unit(theta.unit)}".strip(),
                 f"{low} to {high}", figure(theta.nominal),
-                Cell("", "wide", html=_parameter_scale(theta)),
             ]
         )  # fmt: skip
-    head = ("parameter", "value", "95 % interval", "in the model", "from the model’s value")
+    head = ("parameter", "value", "95 % interval", "in the model")
     return Group(
         [
             Text([f"{display_name(cause.effect)}, at work: {certainty(cause.confidence)}"],
@@ -364,29 +309,6 @@ def _cause(cause: Cause) -> Group:
         ],
         "cause",
     )  # fmt: skip
-
-
-def _parameter_scale(theta: FittedParameter) -> str:
-    """Return a small scale from the model's value to beyond the fitted one."""
-    ends = (theta.nominal, theta.value, theta.low, theta.high)
-    if not all(map(math.isfinite, ends)):
-        return ""
-    low, high = min(ends), max(ends)
-    if high <= low:
-        return ""
-    at = [10.0 + 100.0 * (end - low) / (high - low) for end in ends]
-    return _bullet("bullet", f"{theta.value:.3g}, model {theta.nominal:.3g}", *at)
-
-
-def _bullet(kind: str, label: str, tick: float, value: float, low: float, high: float) -> str:
-    """Return a small scale with a tick, a value and its interval, at places from 10 to 110."""
-    return (
-        f'<svg class="{kind}" viewBox="0 0 120 16" role="img" aria-label="{escape(label)}">'
-        f'<line x1="10" y1="8" x2="110" y2="8"/>'
-        f'<line class="tick" x1="{tick:.1f}" y1="2" x2="{tick:.1f}" y2="14"/>'
-        f'<line class="reach" x1="{low:.1f}" y1="8" x2="{high:.1f}" y2="8"/>'
-        f'<circle cx="{value:.1f}" cy="8" r="4"/></svg>'
-    )
 
 
 def _gains(diagnosis: Diagnosis) -> list[Item]:
@@ -445,16 +367,12 @@ def bar_length(value: float, largest: float) -> float:
 
 
 def _reduction_cell(gain: Gain) -> Cell:
-    """Return the interval of the reduction, with a scale from −20 to 100 %."""
+    """Return the interval of the reduction."""
     if not all(map(math.isfinite, (gain.low, gain.high, gain.reduction))):
         return Cell(f"{gain.flights} held out", "muted")
-    at = (
-        10.0 + 100.0 * (min(max(v, -0.2), 1.0) + 0.2) / 1.2
-        for v in (0.0, gain.reduction, gain.low, gain.high)
-    )
-    kind = "sure" if gain.low > 0.0 else "worse" if gain.high < 0.0 else "unsure"
+    sure = gain.low > 0.0 or gain.high < 0.0
     text = f"{percent(gain.low)} to {percent(gain.high)}"
-    return Cell(text, html=_bullet(f"bullet {kind}", text, *at))
+    return Cell(text, ("good" if gain.low > 0.0 else "bad") if sure else "muted")
 
 
 def _rivals(diagnosis: Diagnosis) -> list[Item]:

@@ -17,9 +17,10 @@ from tombo_flight.report.panels import envelope
 
 BLOCK_S: Final = 1.0
 """Samples of one such block count as one: residuals are autocorrelated."""
-_TELLING: Final = 0.15
+_MIN_SHARE: Final = 0.15
 """A driver that explains less of the residual than this is not shown."""
-_SLICES: Final = 12
+SLICES: Final = 12
+"""Of a driver, with equally many samples each."""
 FAR_S: Final = 1e5
 """Times beyond this are not counted from the start of a flight; they are shown from its start."""
 
@@ -127,7 +128,7 @@ def pairs(diagnosis: Diagnosis, most: int = 4) -> list[Pair]:
         ranked += [(weight * p.share / (3.0**i), p) for i, p in enumerate(candidates[:2])]
     ranked.sort(key=lambda item: -item[0])
     least = 0.01 * ranked[0][0] if ranked else 0.0
-    clear = [p for value, p in ranked if value > least and p.share >= _TELLING]
+    clear = [p for value, p in ranked if value > least and p.share >= _MIN_SHARE]
     return (clear or [p for _, p in ranked[:1]])[:most]
 
 
@@ -160,14 +161,14 @@ def explained(x: Array, y: Array) -> float:
     total = float(np.mean(y**2))
     if total <= 0.0:
         return 0.0
-    which = _slices(x, _SLICES)
+    which = _slices(x, SLICES)
     count = np.bincount(which)
     sums = np.bincount(which, weights=y)
     filled = count > 0
     return float(np.sum(sums[filled] ** 2 / count[filled]) / y.size / total)
 
 
-def binned(x: Array, y: Array, block: NDArray[np.int64], slices: int = _SLICES) -> Bins:
+def binned(x: Array, y: Array, block: NDArray[np.int64], slices: int = SLICES) -> Bins:
     """Return the mean of `y` in slices of `x` that hold equally many samples.
 
     The interval comes from the spread of the means of blocks of time, not of samples.
@@ -242,31 +243,6 @@ def zero_s(diagnosis: Diagnosis, flight: str) -> float:
 def clearest(residuals: Sequence[Residual]) -> Residual:
     """Return the flight of one channel that shows most: what was removed, else what is there."""
     return max(residuals, key=lambda r: _excess([r]) if corrected([r]) else rms(r.before))
-
-
-def stretch(residual: Residual, longest_s: float = 30.0) -> tuple[float, float]:
-    """Return the stretch of the flight, no longer than that, in which the residual is largest."""
-    t = residual.t
-    start, end = float(t[0]), float(t[-1])
-    if end - start <= longest_s:
-        return start, end
-    power = np.where(np.isfinite(residual.before), residual.before, 0.0) ** 2
-    summed = np.concatenate(([0.0], np.cumsum(power)))
-    last = np.searchsorted(t, t + longest_s, side="right")
-    fits = t <= end - longest_s
-    if not fits.any():
-        return start, start + longest_s
-    k = int(np.argmax((summed[last] - summed[:-1]) * fits))
-    return float(t[k]), float(t[k]) + longest_s
-
-
-def ends(t: Array) -> tuple[float, float]:
-    """Return the ends of an axis of times; never a span of nothing."""
-    finite = t[np.isfinite(t)]
-    if not finite.size:
-        return 0.0, 1.0
-    start, end = float(finite.min()), float(finite.max())
-    return (start, end) if end > start else (start - 0.5, start + 0.5)
 
 
 def spans(finding: Finding) -> bool:

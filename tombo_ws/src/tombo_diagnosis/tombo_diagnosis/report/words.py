@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from tombo_diagnosis.diagnosis import Cause, Diagnosis
-from tombo_diagnosis.leftover.leftover import SPRINGS, Leftover
-from tombo_diagnosis.wording import capital, certainty, display_name, figure, listed, sized, unit
+from tombo_diagnosis.diagnosis import Cause, Diagnosis, Leftover
+from tombo_diagnosis.wording import capital, certainty, display_name, listed, percent, sized
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.extended_model import Gain
 
@@ -100,23 +99,35 @@ def changes(gain: Gain) -> bool:
     return max(ends, default=1.0) >= _LEAST_CHANGE
 
 
-def term_texts(leftover: Leftover) -> list[str]:
-    """Return each term of a leftover as words: coefficient, interval, where a spring pulls to.
+LEFTOVER_UNITS: Final = {"force": "N", "moment": "N m"}
+_VARIABLES: Final = {
+    **{a: f"place {a}" for a in "xy"}, "z": "height",
+    **{f"v{a}": f"velocity along map {a}" for a in "xyz"},
+    **{name: f"velocity along body {a}" for name, a in zip("uvw", "xyz", strict=True)},
+    **{name: f"rate about body {a}" for name, a in zip("pqr", "xyz", strict=True)},
+    "t": "time since the start",
+}  # fmt: skip
+"""Variable of a leftover → its name in words; of others their own."""
 
-    The constants that say where a spring is slack are not told again.
-    """
+
+def variable_name(variable: str) -> str:
+    """Return the name in words of a variable that a leftover may follow."""
+    return _VARIABLES.get(variable, variable)
+
+
+def dependence_text(left: Leftover) -> str:
+    """Return the variables that a leftover follows in flights held out, as sentences."""
     texts = []
-    springs = {a for t in leftover.terms if t.remark for a in SPRINGS[t.name]}
-    with_spring = {f"constant in map {a}" for a in springs}
-    for term in leftover.terms:
-        if term.quantity == "force" and term.name in with_spring:
-            continue
-        ends = f"{figure(term.low)} to {figure(term.high)}"
-        remark = f", {term.remark}" if term.remark else ""
-        texts.append(
-            f"{term.quantity}: {term.name} {figure(term.value)} {unit(term.unit)} ({ends}){remark}"
-        )
-    return texts
+    for quantity in left.rms:
+        names = [
+            f"{variable_name(d.variable)} ({percent(d.r2)})"
+            for d in left.dependences
+            if d.quantity == quantity
+        ]
+        texts += [f"{capital(quantity)} follows {listed(names)}."] if names else []
+    if not texts:
+        return "No variable predicts it in flights held out."
+    return f"{' '.join(texts)} In per cent: how much of it is predicted in flights held out."
 
 
 def causes_title(verdict: str) -> str:
@@ -159,13 +170,12 @@ def next_steps(diagnosis: Diagnosis) -> list[str]:
             "which quantity does it still grow?"
         ],
         "unknown": [
-            "Look at what is left over: against which quantity does it grow, and on which axis? "
-            "That is the effect to write; the report has a first guess, ready to paste "
-            "(CONTRIBUTING.md, Adding an effect).",
+            "Look at what is left over: which variable does it follow, and on which axis? That is "
+            "the effect to write (CONTRIBUTING.md, Adding an effect).",
             "Check what no candidate covers: a loose part, a cable, another sensor mount, a "
             "changed controller.",
         ],
-        "set": ["Fly what separates them; until then do not put either into the model."],
+        "set": ["Measure what separates them; until then do not put either into the model."],
         "none": [],
     }.get(diagnosis.verdict, [])
     blind = [score.effect for score in diagnosis.candidates if not score.excited]

@@ -7,16 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary
+from tombo_diagnosis.engine.separation import separating_experiment
 from tombo_diagnosis.stand.analyse import StandAnalysis, analyse
 from tombo_diagnosis.stand.cause_estimates import estimate_cause, held_out, scores
-from tombo_diagnosis.stand.experiment_design import separate
 from tombo_diagnosis.stand.model_file import StandModel
 from tombo_diagnosis.stand.summary_text import notes, summary
 from tombo_diagnosis.stand.tables.assemble import StandData, assemble
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_diagnosis.stand.tables.table_reader import StandTable
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant, thrust_constant
-from tombo_dynamics.propeller.effects import CHANNELS
+from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
 from tombo_flight.progress import ProgressCallback
 
 ABSORBED_EFFECTS = ("thrust_coefficient", "drag_coefficient")
@@ -83,15 +83,13 @@ def diagnose_points(
     findings = analyse(points, ABSORBED_EFFECTS if points.setup.plain else (), base)
     on_progress("leaving out one block after the other", 0.4)
     gains, shares = held_out(findings)
-    on_progress("simulating measurements", 0.8)
-    experiment = separate(findings)
     judgement = findings.judgement
     causes = tuple(estimate_cause(e, findings) for e in judgement.effects)
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
         causes=causes,
         set=judgement.members,
-        separating_experiment=experiment,
+        separating_experiment=separating_experiment(judgement.members, STAND_EFFECTS),
         gain=tuple(gains),
         prechecks=data.findings,
         candidates=scores(findings, shares),

@@ -73,7 +73,7 @@ def setting_of(nominal: NominalModel, flights: int) -> Setting:
         return replace(
             SETTING,
             max_confidence=healthy_confidence(nominal.healthy),
-            rarity=math.log(len(REGISTRY)),
+            log_prior_cost=math.log(len(REGISTRY)),
         )
     if not nominal.calibrated:
         return SETTING
@@ -131,7 +131,12 @@ class FlightProblem:
         width = self.linears[0].draw_width
         each = (SCATTER,) * len(self.drawn)
         unknowns = Unknowns(
-            nominal.parameters, tuple(seen), each * self.vehicles, width, nominal.doubt, absorbed
+            nominal.parameters,
+            tuple(seen),
+            each * self.vehicles,
+            width,
+            nominal.tolerance_inflation,
+            absorbed,
         )
         self.columns = unknowns
         self._parts: list[Parts] = []

@@ -1,0 +1,196 @@
+"""What causes leave over of force and moment in flights, and the variables that it follows.
+
+A variable counts if it predicts the leftover of flights that were held out. The prediction is the
+mean of the other flights in slices of the variable: no shape is assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from tombo_diagnosis.diagnosis import Dependence, Leftover, LeftoverSamples
+from tombo_diagnosis.engine.regression import Fit
+from tombo_diagnosis.flight.fit.prediction import MotionOfPoses, simulate_along_motion
+from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.rotation import yaw_pitch_roll
+from tombo_logs.checks.spans import block_means
+
+_BLOCK_S = 0.24
+"""Means over such blocks are compared and drawn."""
+_CHANNELS: Mapping[str, tuple[str, ...]] = {
+    "force": ("force", "acceleration"), "moment": ("turning",),
+}  # fmt: skip
+VARIABLES: Final = (
+    "x", "y", "z", "vx", "vy", "vz", "u", "v", "w", "p", "q", "r", "yaw", "thrust", "t", "voltage",
+)  # fmt: skip
+"""What a leftover may follow: `LeftoverSamples.state`."""
+_SLICES = 10
+"""Of a variable, with equally many samples each."""
+_MIN_R2 = 0.1
+"""Share of the leftover of held-out flights that a variable has to predict."""
+_MAX_VARIABLES = 3
+"""Named for each quantity."""
+
+
+def flight_leftover(
+    problem: FlightProblem, fit: Fit, quantities: Collection[str] = tuple(_CHANNELS)
+) -> Leftover:
+    """Return what a fit leaves of force, moment or both, beside what its tolerances explain."""
+    flights = range(len(problem.tracks))
+    by_quantity = {q: [_samples(problem, fit, f, q) for f in flights] for q in quantities}
+    measured = {q: [s for s in each if s is not None] for q, each in by_quantity.items()}
+    measured = {q: each for q, each in measured.items() if each}
+    return Leftover(
+        tuple(d for q, each in measured.items() for d in dependences(q, each)),
+        {q: _rms([s.body for s in each]) for q, each in measured.items()},
+        tuple(s for each in measured.values() for s in each),
+    )
+
+
+def leftover_quantities(groups: Collection[str]) -> tuple[str, ...]:
+    """Return which quantities the groups of unexplained channels ask for; all without any."""
+    return tuple(q for q in _CHANNELS if q in groups) or tuple(_CHANNELS)
+
+
+def dependences(quantity: str, flights: Sequence[LeftoverSamples]) -> list[Dependence]:
+    """Return the variables that a quantity's leftover follows in held-out flights, best first."""
+    tried = []
+    for frame in ("body", "map"):
+        values = [s.body if frame == "body" else s.map for s in flights]
+        for name in VARIABLES:
+            known = [s.state[name] for s in flights if name in s.state]
+            if len(known) == len(flights):
+                tried.append(Dependence(quantity, name, frame, held_out_r2(known, values)))
+    best: dict[str, Dependence] = {}
+    for each in sorted(tried, key=lambda d: -d.r2):
+        if each.r2 >= _MIN_R2:
+            best.setdefault(each.variable, each)
+    return list(best.values())[:_MAX_VARIABLES]
+
+
+def held_out_r2(x: Sequence[Array], y: Sequence[Array]) -> float:
+    """Return the share of vectors y that their means over x in the other flights predict.
+
+    Args:
+        x: variable of each flight, (M,).
+        y: vectors of each flight, (M, 3); an axis that is NaN anywhere is left out.
+    """
+    axes = np.isfinite(np.vstack(y)).all(axis=0)
+    before = after = 0.0
+    for held in range(len(x)):
+        others = [k for k in range(len(x)) if k != held]
+        if not others:
+            return 0.0
+        known, target = np.concatenate([x[k] for k in others]), np.vstack([y[k] for k in others])
+        edges = np.quantile(known, np.linspace(0.0, 1.0, _SLICES + 1)[1:-1])
+        place = np.searchsorted(edges, known, side="right")
+        count = np.maximum(np.bincount(place, minlength=_SLICES), 1)[:, None]
+        sums = np.zeros((_SLICES, int(axes.sum())))
+        np.add.at(sums, place, target[:, axes])
+        predicted = (sums / count)[np.searchsorted(edges, x[held], side="right")]
+        before += float(np.sum(y[held][:, axes] ** 2))
+        after += float(np.sum((y[held][:, axes] - predicted) ** 2))
+    return 1.0 - after / before if before > 0.0 else 0.0
+
+
+def _samples(
+    problem: FlightProblem, fit: Fit, flight: int, quantity: str
+) -> LeftoverSamples | None:
+    """Return one flight's leftover; None where its channels do not show the quantity."""
+    track, linear = problem.tracks[flight], tangent_of(fit).linears[flight]
+    shown = _channels(problem, flight, quantity)
+    if shown is None:
+        return None
+    group, chosen, axes = shown
+    kernel = track.fast_kernel if group == "fast" else track.slow_kernel
+    length = max(1, round(_BLOCK_S * problem.per_second(group)))
+    vehicle = problem.nominal.vehicle
+    size = np.full(3, vehicle.mass) if quantity == "force" else _inertia(vehicle)
+    scale = size[list(axes)]
+    columns = problem.columns
+    tolerances = columns.deviations(fit.free, fit.widths, pinned=fit.pinned)
+    slopes = problem.design(linear, group, flight)[chosen] * tolerances[None, :, None]
+    tolerated = block_means(np.transpose(slopes, (2, 0, 1)), length) * scale[:, None]
+    rows = problem.residual(fit, flight, _unknowns(problem, fit))[group][:, chosen]
+    target = block_means(rows, length) * scale
+    left = _without_tolerances(target, tolerated)
+    rotation = linear.motion.rotation
+    turned = block_means(kernel.smooth @ rotation.reshape(-1, 9), length).reshape(-1, 3, 3)
+    body = np.full((len(left), 3), np.nan)
+    body[:, list(axes)] = left
+    if problem.channels[flight][group][chosen[0]].name.startswith("acceleration"):
+        body = np.einsum("nji,nj->ni", turned, body)  # of axes in map
+    state = _state(problem, fit, flight)
+    means = {name: block_means(kernel.smooth @ v, length) for name, v in state.items()}
+    return LeftoverSamples(track.name, quantity, means, turned, body)
+
+
+def _without_tolerances(target: Array, tolerated: Array) -> Array:
+    """Return (M, A) without what its tolerances most probably have.
+
+    `tolerated` (M, A, U): what one tolerance of each parameter changes. Noise is what changes from
+    one block to the next: what is slower is the leftover itself.
+    """
+    noise = np.maximum(np.diff(target, axis=0).std(axis=0) / math.sqrt(2.0), 1e-9)
+    x = (tolerated / noise[:, None]).reshape(target.size, -1)
+    y = (target / noise).reshape(-1)
+    off = np.linalg.solve(np.eye(x.shape[1]) + x.T @ x, x.T @ y)
+    return np.asarray(target - tolerated @ off)
+
+
+def _rms(values: Sequence[Array]) -> float:
+    every = np.vstack(values)
+    known = np.isfinite(every).any(axis=0)  # an axis may not be compared at all
+    return float(np.sqrt(np.nanmean(every[:, known] ** 2, axis=0).sum()))
+
+
+def _channels(
+    problem: FlightProblem, flight: int, quantity: str
+) -> tuple[str, list[int], tuple[int, ...]] | None:
+    """Return group, places of the channels in it, and their axes."""
+    for group, names in problem.channels[flight].items():
+        chosen = [
+            k for k, c in enumerate(names) if c.name.rsplit(" ", 1)[0] in _CHANNELS[quantity]
+        ]
+        if chosen:
+            return group, chosen, tuple("xyz".index(names[k].name[-1]) for k in chosen)
+    return None
+
+
+def _inertia(vehicle: object) -> Array:
+    return np.array([getattr(vehicle, f"inertia_{axis}") for axis in ("xx", "yy", "zz")])
+
+
+def _unknowns(problem: FlightProblem, fit: Fit) -> Array:
+    """Return what is free as fitted and all else as nominal, about the fit's theta."""
+    unknowns = fit.prior_mean.copy()
+    places = problem.columns.places((*fit.free, *problem.columns.absorbed))
+    unknowns[places] = fit.solution.mean[places]
+    return unknowns
+
+
+def _state(problem: FlightProblem, fit: Fit, flight: int) -> dict[str, Array]:
+    """Return what a leftover may follow, at the ticks of a flight."""
+    track, motion = problem.tracks[flight], tangent_of(fit).linears[flight].motion
+    values = motion.state
+    body = np.einsum("nji,nj->ni", motion.rotation, values[:, 3:6])
+    state = dict(zip(("x", "y", "z", "vx", "vy", "vz"), values[:, :6].T, strict=True))
+    state |= dict(zip("uvw", body.T, strict=True))
+    state |= dict(zip("pqr", values[:, 10:13].T, strict=True))
+    state["yaw"] = yaw_pitch_roll(values[:, 6:10])[:, 0]
+    state["t"] = track.t - track.t[0]
+    state["thrust"] = _thrust(problem, fit, flight, motion)
+    if track.voltage.size:
+        state["voltage"] = track.voltage[:, 0]
+    return state
+
+
+def _thrust(problem: FlightProblem, fit: Fit, flight: int, motion: MotionOfPoses) -> Array:
+    """Return the thrust of all rotors as the model has it [N]; drag along the axis is small."""
+    out = simulate_along_motion(problem.tracks[flight], problem.nominal, fit.theta, motion)
+    return np.asarray(problem.nominal.vehicle.mass * out["force"][:, 2])

@@ -1,1 +1,0 @@
-"""What no candidate explains: drawn against the state, and as a sparse sum of physical terms."""
