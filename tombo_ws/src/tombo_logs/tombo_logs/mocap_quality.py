@@ -18,8 +18,8 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.replay.prechecks import find_up_axis
 from tombo_logs.checks.clocks.gaps import gap_spans
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
+from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
 from tombo_logs.checks.frozen_values import frozen_spans
-from tombo_logs.checks.motion import Motion, motion_of
 from tombo_logs.checks.pipeline import findings_of
 from tombo_logs.checks.pose_imu_consistency import alignment, time_offset
 from tombo_logs.checks.spans import runs, sample_interval, white_noise
@@ -89,7 +89,7 @@ def check_mocap(log: Flight) -> MocapQuality:
     motion = None
     if "gyro" in series:
         struck = [(f.start_s, f.end_s) for f in findings_of(log) if f.check in _STRUCK]
-        motion = motion_of(position, attitude, series["gyro"], None, struck)
+        motion = poses_and_imu(position, attitude, series["gyro"], None, struck)
     findings = _unit(position)
     if not findings:
         findings += _axes(position, attitude, motion)
@@ -117,7 +117,7 @@ def _unit(position: Series) -> list[MocapFinding]:
     )
 
 
-def _axes(position: Series, attitude: Series, motion: Motion | None) -> list[MocapFinding]:
+def _axes(position: Series, attitude: Series, motion: EvenFlight | None) -> list[MocapFinding]:
     """Check the upward axis, then the turn of the rigid body."""
     at = np.clip(np.searchsorted(attitude.t, position.t), 0, attitude.t.size - 1)
     quaternions = attitude.values[at]
@@ -214,7 +214,7 @@ def _gaps(position: Series) -> list[MocapFinding]:
     )
 
 
-def _stamps(position: Series, motion: Motion | None) -> list[MocapFinding]:
+def _stamps(position: Series, motion: EvenFlight | None) -> list[MocapFinding]:
     """Check that stamps are times of capture, on the clock of the others."""
     uneven = arrival_stamps("", position.t, None)
     if uneven:

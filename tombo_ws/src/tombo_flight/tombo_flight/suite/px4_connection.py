@@ -115,7 +115,6 @@ def px4_connection(url: str | None, settings: Sequence[str]) -> Px4Connection:
         wanted.setdefault("imu_rate", _GYRO_HZ)
     bridge = from_mapping(BridgeParams, wanted, "px4")
     bridge.check()
-    link.check()
     link_key(link)
     parse_url(link.url, link.allow_remote)
     return Px4Connection(link, bridge, endpoint, writes=writes)
