@@ -136,10 +136,10 @@ class FlightTables:
         return Path(path)
 
     def __repr__(self) -> str:
-        from tombo_flight.flight_output import flight_outcome
+        from tombo_flight.report.milestones import FlightOutcome
 
         what = f"{self.summary['scenario']!r}, seed={self.summary['seed']}"
-        outcome = flight_outcome(self.summary)
+        outcome = FlightOutcome.of(self.summary).value
         return f"Flight({what}: {outcome}, {self.summary['duration_s']:.1f} s)"
 
     def _repr_html_(self) -> str:

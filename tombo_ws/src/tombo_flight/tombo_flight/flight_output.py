@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -190,14 +189,3 @@ def draw_pictures(
     except Stopped:
         for path in pictures:
             path.unlink(missing_ok=True)
-
-
-def flight_outcome(summary: Mapping[str, Any]) -> str:
-    """Return how a flight ended, in a word or two, from its summary."""
-    if summary["crashed"]:
-        return "crashed"
-    if summary.get("interrupted"):
-        return "interrupted"
-    if summary["collided"]:
-        return "recovered" if summary["recovery_time_s"] is not None else "not settled"
-    return "landed" if summary["landed"] else "not landed"

@@ -34,8 +34,6 @@ from tombo_flight.suite.px4_flight import BridgeMonitor
         ("--px4=serial:///dev/ttyACM0:57600", "--px4=serial:///dev/ttyACM0:57600"),
         ("--px4 x://y --px4", "--px4=x://y --px4=sim"),
         ("--px4 runs/a://b", "--px4=sim runs/a://b"),
-        ("--px4 udpin:127.0.0.1:14540", "--px4=udpin://127.0.0.1:14540"),
-        ("--px4=tcp:127.0.0.1:5760 hover", "--px4=tcp://127.0.0.1:5760 hover"),
         ("--px4 udp.yaml", "--px4=sim udp.yaml"),
         ("--seed 3 -- --px4 a://b", "--seed 3 -- --px4 a://b"),
         ("hover", "hover"),

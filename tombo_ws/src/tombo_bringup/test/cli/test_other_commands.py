@@ -99,26 +99,16 @@ def test_what_only_lists_loads_no_model(arguments):
     assert run.returncode == 0, run.stderr
 
 
-@pytest.mark.parametrize(
-    ("words", "wanted"),
-    [
-        ("tombo fly pill", ["pillar_right", "pillar_wide"]),
-        ("tombo fly --reaction re", ["reflex"]),
-        ("tombo up --vehicle px4", ["px4_x500"]),
-        ("tombo swee", ["sweep"]),
-        ("tombo list re", ["reactions"]),
-    ],
-)
-def test_the_shell_completes_names(words, wanted, monkeypatch, capfd):
+def test_the_shell_completes_commands(monkeypatch, capfd):
     from tombo_bringup.cli.main import run
 
     monkeypatch.setenv("_TOMBO_COMPLETE", "complete_bash")
-    monkeypatch.setenv("COMP_WORDS", words)
-    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    monkeypatch.setenv("COMP_WORDS", "tombo swee")
+    monkeypatch.setenv("COMP_CWORD", "1")
     with pytest.raises(SystemExit) as end:
         run([])
     assert end.value.code == 0
-    assert capfd.readouterr().out.split() == wanted
+    assert capfd.readouterr().out.split() == ["sweep"]
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ UNRECORDED = {"summary.json", "scenario.yaml", "flight.png", "report.html"}
 def test_no_run_replaces_another_one_by_default(tombo, tmp_path):
     for _ in range(2):
         assert tombo("fly", *SHORT).code == 0
-    assert tombo("fly", *SHORT, "--conf", "0", "--reaction", "none").code == 0
+    assert tombo("fly", *SHORT, "--set", "propeller.conf=0", "--reaction", "none").code == 0
 
     base, third = "hover-0-duration_0.3", "hover-0-reaction_none-duration_0.3-conf_0"
     assert names(tmp_path / "runs") == {base, f"{base}-2", third}
@@ -112,7 +112,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_flight(
 
 
 def test_bad_input_that_shows_late_leaves_no_folder(refused):
-    refused(("fly", "--conf", "1"))  # found by the thrust map, not by the scenario
+    refused(("fly", "--set", "propeller.conf=1"))  # found by the thrust map, not by the scenario
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(refused, monkeypatch):

@@ -9,7 +9,7 @@ KEYS = ["law", "conf", "rpm", "thrust_N", "drag_N", "torque_Nm", "alpha_rad", "b
 KEYS += ["gamma_rad", "lift_over_drag", "valid"]
 
 
-def test_json_alone_on_standard_output_and_no_plot(tombo, tmp_path: Path) -> None:
+def test_json_alone_on_standard_output_and_no_file(tombo, tmp_path: Path) -> None:
     result = tombo("propeller", "--conf", "5", "--rpm", "1000:3000:500", "--json")
     assert result.code == 0
     rows = result.json
@@ -28,15 +28,6 @@ def test_a_table_alone_writes_nothing(tombo, tmp_path: Path) -> None:
     assert "0.614" in result.out
     assert "1.8952" in result.out
     assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_plot_where_asked_for_even_with_json(tombo, tmp_path: Path) -> None:
-    result = tombo("propeller", "--conf", "0", "--json", "-o", "rigid.svg")
-    assert result.code == 0
-    assert [path.name for path in tmp_path.iterdir()] == ["rigid.svg"]
-    assert len({row["lift_over_drag"] for row in result.json}) == 1
-    assert "rigid.svg" in result.err
 
 
 def test_rows_beyond_validity_are_empty(tombo) -> None:
@@ -70,8 +61,7 @@ def test_own_library(tombo, refused, tmp_path: Path) -> None:
         (["--law", "consistent"], "reproduce"),
         (["--json"], "reproduce"),
         (["--conf", "13"], "design"),
-        (["-o", "x"], "recovery"),
     ],
 )
 def test_an_option_before_a_sub_command_is_refused(refused, before: list[str], command: str):
-    refused(("propeller", *before, command), before[0].replace("-o", "--output"), "after", command)
+    refused(("propeller", *before, command), before[0], "after", command)

@@ -53,7 +53,7 @@ def test_a_source_file_outside_of_the_commit_makes_the_tree_dirty(tmp_path):
 @pytest.mark.parametrize(
     "options",
     [
-        ("paper_collision", "--seed", "3", "--conf", "9", "--set", "duration=25"),
+        ("paper_collision", "--seed", "3", "--set", "propeller.conf=9", "--set", "duration=25"),
         ("vehicle", "--set", "effects.steady_wind.east=2", "--set", "duration=3", "--seed", "1"),
     ],
 )

@@ -74,7 +74,11 @@ def test_a_file_is_replaced_by_force_only(tombo, refused, tmp_path):
 def test_unknown_vehicles_are_refused(refused):
     refused(("vehicle", "show", "px4_x50"), "px4_x50", "did you mean 'px4_x500'")
     refused(("fly", "hover", "--vehicle", "nothing.yaml"), "nothing.yaml", "can't be read")
-    refused(("fly", "hover", "--vehicle", "px4_x500", "--conf", "5"), "propeller.conf", "plain")
+    refused(
+        ("fly", "hover", "--vehicle", "px4_x500", "--set", "propeller.conf=5"),
+        "propeller.conf",
+        "plain",
+    )
 
 
 @pytest.mark.slow

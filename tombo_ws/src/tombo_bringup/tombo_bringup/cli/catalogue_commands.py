@@ -18,13 +18,9 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 
-def _begun(begun: str) -> list[str]:
-    return [name for name in LISTS if name.startswith(begun)]
-
-
 @record
 class _Kind:
-    kind: str = argument("WHAT", "scenarios, effects or reactions.", autocompletion=_begun)
+    kind: str = argument("WHAT", "scenarios, effects or reactions.")
 
 
 @command(app, "list")

@@ -231,29 +231,6 @@ def topic_names(texts: Sequence[str]) -> dict[str, str]:
     return names
 
 
-def _scenarios(begun: str) -> list[tuple[str, str]]:
-    """Return what the shell may complete: the scenarios that begin so."""
-    from tombo_flight.scenario_catalogue import builtin_scenarios
-
-    return _completions(builtin_scenarios(), begun)
-
-
-def _vehicles(begun: str) -> list[tuple[str, str]]:
-    from tombo_flight.vehicle_file import builtin_vehicles
-
-    return _completions(builtin_vehicles(), begun)
-
-
-def _reactions(begun: str) -> list[tuple[str, str]]:
-    from tombo_collision.reactions import REGISTRY
-
-    return _completions(dict.fromkeys(REGISTRY, ""), begun)
-
-
-def _completions(table: Mapping[str, str], begun: str) -> list[tuple[str, str]]:
-    return [(name, text) for name, text in table.items() if name.startswith(begun)]
-
-
 def _seed(seed: int | None) -> int | None:
     return None if seed is None else check_seed("--seed", seed)
 
@@ -295,7 +272,6 @@ class Scene:
 
     scenario: str = argument(
         "SCENARIO", "A name of `tombo list scenarios`, or a YAML file.", "paper_collision",
-        autocompletion=_scenarios,
     )  # fmt: skip
 
 
@@ -331,7 +307,6 @@ class VehicleName:
         "--vehicle NAME|FILE",
         "A name of `tombo vehicle list`, or a vehicle file (docs/own_vehicle.md). Default: that "
         "of the scenario or the log, else the suite's own.",
-        autocompletion=_vehicles,
     )
 
 
@@ -354,7 +329,6 @@ class Variation(Imports, Settings, ModelFile, VehicleName):
         "--reaction NAME",
         "A name of `tombo list reactions`, in place of the scenario's reaction; its parameters: "
         "--set reaction.KEY=VALUE.",
-        autocompletion=_reactions,
     )
     disturbances: bool = option(
         "--disturbances",
@@ -385,15 +359,6 @@ class Draw:
 
     seed: int | None = option(
         "--seed N", "All random draws come from it. Default: 0.", check=_seed
-    )
-
-
-@record
-class Seeds:
-    """Many random draws."""
-
-    seeds: str | None = option(
-        "--seeds A:B", "Fly seeds A to B-1 on all cores; one table, no files of single flights."
     )
 
 

@@ -58,8 +58,19 @@ def build_flight(
         "scenario": name,
         "seed": 7,
         "conf": 13,
+        "law": "repaired",
+        "model": None,
+        "reaction": "bounce",
+        "disturbances": False,
         "collided": contact and end_s > CONTACT_S,
-        "collision_time_s": None,
+        **dict.fromkeys(
+            ("collision_time_s", "contact_point_m", "contact_known_s", "x_c_m", "n_r", "x_r_m")
+        ),
+        **dict.fromkeys(
+            ("max_falling_distance_m", "max_tilt_rad", "unstable_phase_s", "recovery_time_s")
+        ),
+        **dict.fromkeys(("settled_error_m", "hover_rms_m", "approach_rms_m")),
+        "strikes": 0,
         "detected": False,
         "crashed": crash and end_s > CONTACT_S + 1.0,
         "false_alarms": 0,
@@ -197,10 +208,10 @@ def edge_flights(flight: Flight) -> dict[str, Flight]:
         "no contact": build_flight(contact=False),
         "crashed": build_flight(crash=True, end_s=27.0),
         "cut short at 0.3 s": build_flight(end_s=0.3),
-        "one sample": replace(flight, t=flight.t[:1], log=one, events=[], summary={}),
+        "one sample": replace(
+            flight, t=flight.t[:1], log=one, events=[], summary=build_flight(end_s=0.3).summary
+        ),
         "cut short after contact": build_flight(end_s=23.2),
-        "nothing but the log": replace(flight, events=[], summary={}, scenario={}),
-        "summary of NaN": replace(flight, summary=dict.fromkeys(flight.summary, float("nan"))),
         "detected before contact": replace(
             flight, summary=dict(flight.summary, contact_known_s=-0.15)
         ),

@@ -17,8 +17,6 @@ EDGES = [
     "cut short at 0.3 s",
     "one sample",
     "cut short after contact",
-    "nothing but the log",
-    "summary of NaN",
     "detected before contact",
 ]
 

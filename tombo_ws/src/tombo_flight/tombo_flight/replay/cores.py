@@ -228,7 +228,7 @@ def _stream(inputs: Inputs, topic: str) -> Stream:
 
 
 def _events(published: Published) -> list[DetectedEvent]:
-    return [DetectedEvent.of(message, now) for now, topic, message in published if topic == EVENTS]
+    return [DetectedEvent(message, now) for now, topic, message in published if topic == EVENTS]
 
 
 def _figures(core: Core, reported: Counter[str]) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -38,32 +37,20 @@ from tombo_sim.wiring import CORES
 class DetectedEvent:
     """A detected collision."""
 
-    stamp_ns: int
-    """Capture time of the pose that triggered."""
+    message: CollisionEvent
     known_ns: int
-    """When it was known: arrival of that pose, or log time of the recorded event."""
-    trigger: str
-    x_c: tuple[float, float, float]
-    contact_ns: int
-    statistic: float
-    flight_direction: tuple[float, float, float] = (math.nan, math.nan, math.nan)
-    confidence: float = math.nan
+    """When it was known: arrival of the pose that triggered, or log time of the recorded event."""
 
-    @staticmethod
-    def of(message: CollisionEvent, known_ns: int) -> DetectedEvent:
-        """Return a message as an event that is known at a time."""
-        number = int(message.trigger)
-        known = [trigger.name.lower() for trigger in Trigger if trigger == number]
-        return DetectedEvent(
-            message.stamp_ns,
-            known_ns,
-            known[0] if known else str(number),
-            tuple(message.contact_position.tolist()),
-            message.contact_stamp_ns,
-            message.statistic,
-            tuple(message.flight_direction.tolist()),
-            message.confidence,
-        )
+    @property
+    def stamp_ns(self) -> int:
+        """Capture time of the pose that triggered."""
+        return self.message.stamp_ns
+
+    @property
+    def trigger(self) -> str:
+        """Name of the trigger; an unknown one is its number."""
+        number = int(self.message.trigger)
+        return Trigger(number).name.lower() if number in set(Trigger) else str(number)
 
 
 @dataclass(frozen=True)
@@ -132,9 +119,7 @@ def read_events(table: ColumnTable) -> list[DetectedEvent]:
     if "trigger" not in table:
         return []
     messages = messages_of(TOPICS[EVENTS].typename, table)
-    return [
-        DetectedEvent.of(*row) for row in zip(messages, table["log_time_ns"].tolist(), strict=True)
-    ]
+    return list(map(DetectedEvent, messages, table["log_time_ns"].tolist()))
 
 
 def series_of(messages: Sequence[Any], source: SeriesField) -> OutputSeries:

@@ -1,4 +1,9 @@
-"""The figures of a flight, in one list: its report, the paper's table and sweeps read it."""
+"""The figures of a flight, one record each: reports, terminals, sweeps and pictures read them.
+
+Values of the paper: "Tombo Propeller: Bio-Inspired Deformable Structure toward
+Collision-Accommodated Control for Drones", the flight experiment with Conf. 13 propellers. Its
+frame is NED; points here are ENU: (x, y, z) = (east, north, up).
+"""
 
 from __future__ import annotations
 
@@ -8,8 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from tombo_collision.reactions.none import NoReaction
-from tombo_flight.report import paper_values as paper
-from tombo_flight.report.milestones import FlightMilestones, number
+from tombo_flight.report.milestones import FlightMilestones, find_milestones
 from tombo_flight.scenario import as_mapping, load_scenario
 
 if TYPE_CHECKING:
@@ -21,57 +25,25 @@ Value = float | str | tuple[float, float, float] | None
 """A number or a point in the figure's unit, or words; None: there is none."""
 
 
-_DEFINITIONS: Final = {
-    "Outcome": "In the paper the vehicle recovers with the reaction; without it, it falls and "
-    "crashes to the ground. Crashed: the frame touches the ground before landing is commanded, "
-    "or the tilt passes 2.1 rad and does not come back. No contact is no success.",
-    "Time of the collision": "First contact, on the clock that starts with the flight. The "
-    "paper's value is read from its figure: about, and set by how long the vehicle hovers first.",
-    "Unstable phase": "From contact until the tilt stays below 0.17 rad and the body rate below "
-    "1 rad/s for 0.3 s.",
-    "Recovery phase": "From the end of the unstable phase until the vehicle has settled at x_r; "
-    "none where it settles before that end.",
-    "Recovery time": "Both phases together: from contact until the position stays within 0.1 m "
-    "of x_r and the speed below 0.1 m/s for 1 s. The paper's value is a mean over its trials.",
-    "Largest falling distance": "Height at contact minus the lowest height until settled. The "
-    "paper's value is a mean over its trials.",
-    "Falling rate": "Mean rate of descent from contact to the lowest point. The paper prints the "
-    "rate that was observed, without the stretch it belongs to.",
-    "Distance from x_c to x_r": "The paper asks for d_r = 0.8 m, but the points it prints are "
-    f"{paper.PRINTED_BOUNCE_M:.3f} m apart: x_r was chosen by hand there. Here "
-    "x_r = x_c + d_r n_r with a unit n_r.",
-    "x_c, point of collision": "Position of the vehicle's centre at contact as the detector "
-    "estimates it; if nothing was detected, the true one. East, north, up; the paper prints it "
-    "in north-east-down as [0, 1.7, −2.0].",
-    "x_r, equilibrium point": "Where the vehicle is sent after the collision. East, north, up; "
-    "the paper prints it in north-east-down as [0.2, 0.9, −2.0].",
-    "Detection latency": "From the true contact until the reaction knows of it, by the poses of "
-    "the motion capture or, where it uses them, by gyro and accelerometer. Negative when the "
-    "vehicle enters a known region before it touches. Not printed in the paper.",
-    "Largest tilt": "Largest angle between the vehicle's up axis and the vertical. Not printed "
-    "in the paper.",
-    "Settled error": "Distance from x_r once settled. Not printed in the paper.",
-}
-
-
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a flight: a key of its summary, or what follows from its milestones."""
+    """A figure of a flight."""
 
+    key: str
+    """Its key in the summary, where it is one of the summary's."""
     name: str
     unit: str
     digits: int
-    source: str | Callable[[FlightMilestones], Value]
-    """Its key in the summary, or a function of the milestones."""
+    definition: str = ""
+    """The meaning, and where it differs from the paper's."""
     paper: Value = None
-    """What the paper prints for its experiment with the reaction."""
+    """Printed by the paper for its experiment with the reaction."""
     factor: float = 1.0
     """From the summary's unit to `unit`."""
-
-    @property
-    def definition(self) -> str:
-        """What it means, and where that differs from the paper's."""
-        return _DEFINITIONS[self.name]
+    derived: Callable[[FlightMilestones], Value] | None = None
+    """Computes it where the summary does not have it."""
+    card: bool = False
+    """It is in the header of a report."""
 
     @property
     def label(self) -> str:
@@ -80,10 +52,10 @@ class Figure:
 
     def of(self, summary: Mapping[str, Any], milestones: FlightMilestones) -> Value:
         """Return the figure of a flight."""
-        if not isinstance(self.source, str):
-            return self.source(milestones)
-        value = number(summary, self.source)
-        return None if value is None else self.factor * value
+        if self.derived is not None:
+            return self.derived(milestones)
+        value = summary[self.key]
+        return None if value is None else self.factor * float(value)
 
     def text(self, value: Value) -> str:
         """Return a value of the figure with its unit."""
@@ -95,57 +67,117 @@ class Figure:
 
 
 def fixed(value: float, digits: int) -> str:
-    """Return a number with so many decimals and a typographic minus."""
+    """Return a number with some decimals and a typographic minus."""
     return f"{value:.{digits}f}".replace("-", "−")
 
 
+def _recovery_phase(m: FlightMilestones) -> float | None:
+    if m.unstable_end_s is None or m.recovery_end_s is None:
+        return None
+    return max(0.0, m.recovery_end_s - m.unstable_end_s) or None  # settled before its end
+
+
+def _falling_rate(m: FlightMilestones) -> float | None:
+    if m.contact_s is None or m.contact_height_m is None or m.lowest_m is None:
+        return None
+    elapsed_s = (m.lowest_s or 0.0) - m.contact_s
+    return (m.contact_height_m - m.lowest_m) / elapsed_s if elapsed_s > 0.0 else None
+
+
+def _bounce(m: FlightMilestones) -> float | None:
+    return None if m.x_c_m is None or m.x_r_m is None else math.dist(m.x_c_m, m.x_r_m)
+
+
 FIGURES: Final = (
-    Figure("Outcome", "", 0, lambda m: m.verdict.value, "recovers"),
-    Figure("Time of the collision", "s", 2, "collision_time_s", paper.COLLISION_TIME_S),
-    Figure("Unstable phase", "s", 2, "unstable_phase_s", paper.UNSTABLE_PHASE_S),
-    Figure("Recovery phase", "s", 2, lambda m: m.recovery_phase_s, paper.RECOVERY_PHASE_S),
-    Figure("Recovery time", "s", 2, "recovery_time_s", paper.MEAN_RECOVERY_TIME_S),
     Figure(
-        "Largest falling distance",
-        "m",
-        2,
-        "max_falling_distance_m",
-        paper.MEAN_MAX_FALLING_DISTANCE_M,
+        "outcome", "Outcome", "", 0,
+        "In the paper the vehicle recovers with the reaction; without it, it falls and crashes to "
+        "the ground. Crashed: the frame touches the ground before landing is commanded, or the "
+        "tilt passes 2.1 rad and does not come back. No contact is no success.",
+        paper="recovers", derived=lambda m: m.verdict.value,
     ),
     Figure(
-        "Falling rate", "m/s", 2, lambda m: m.falling_rate_m_s, paper.OBSERVED_FALLING_RATE_M_S
+        "collision_time_s", "Time of the collision", "s", 2,
+        "First contact, on the clock that starts with the flight. The paper's value is read from "
+        "its figure: about, and set by how long the vehicle hovers first.",
+        paper=23.0,
     ),
-    Figure("Distance from x_c to x_r", "m", 3, lambda m: m.bounce_m, paper.BOUNCE_DISTANCE_M),
-    Figure("x_c, point of collision", "m", 2, lambda m: m.x_c_m, paper.COLLISION_POINT_M),
-    Figure("x_r, equilibrium point", "m", 2, lambda m: m.x_r_m, paper.EQUILIBRIUM_POINT_M),
-    Figure("Detection latency", "ms", 0, "contact_known_s", factor=1e3),
-    Figure("Largest tilt", "°", 1, "max_tilt_rad", factor=180.0 / math.pi),
-    Figure("Settled error", "m", 3, "settled_error_m"),
-)
+    Figure(
+        "unstable_phase_s", "Unstable phase", "s", 2,
+        "From contact until the tilt stays below 0.17 rad and the body rate below 1 rad/s for "
+        "0.3 s.",
+        paper=1.5, card=True,
+    ),
+    Figure(
+        "recovery_phase_s", "Recovery phase", "s", 2,
+        "From the end of the unstable phase until the vehicle has settled at x_r; none where it "
+        "settles before that end.",
+        paper=3.5, derived=_recovery_phase,
+    ),
+    Figure(
+        "recovery_time_s", "Recovery time", "s", 2,
+        "Both phases together: from contact until the position stays within 0.1 m of x_r and the "
+        "speed below 0.1 m/s for 1 s. The paper's value is a mean over its trials.",
+        paper=5.0, card=True,
+    ),
+    Figure(
+        "max_falling_distance_m", "Largest falling distance", "m", 2,
+        "Height at contact minus the lowest height until settled. The paper's value is a mean "
+        "over its trials.",
+        paper=0.5, card=True,
+    ),
+    Figure(
+        "falling_rate_m_s", "Falling rate", "m/s", 2,
+        "Mean rate of descent from contact to the lowest point. The paper prints the rate that "
+        "was observed, without the stretch it belongs to.",
+        paper=0.3, derived=_falling_rate,
+    ),
+    Figure(
+        "bounce_m", "Distance from x_c to x_r", "m", 3,
+        "The paper asks for d_r = 0.8 m, but the points it prints are 0.825 m apart: x_r was "
+        "chosen by hand there. Here x_r = x_c + d_r n_r with a unit n_r.",
+        paper=0.8, derived=_bounce,
+    ),
+    Figure(
+        "x_c_m", "x_c, point of collision", "m", 2,
+        "Position of the vehicle's centre at contact as the detector estimates it; if nothing was "
+        "detected, the true one. East, north, up; the paper prints it in north-east-down as "
+        "[0, 1.7, −2.0].",
+        paper=(1.7, 0.0, 2.0), derived=lambda m: m.x_c_m,
+    ),
+    Figure(
+        "x_r_m", "x_r, equilibrium point", "m", 2,
+        "Where the vehicle is sent after the collision. East, north, up; the paper prints it in "
+        "north-east-down as [0.2, 0.9, −2.0].",
+        paper=(0.9, 0.2, 2.0), derived=lambda m: m.x_r_m,
+    ),
+    Figure(
+        "contact_known_s", "Detection latency", "ms", 0,
+        "From the true contact until the reaction knows of it, by the poses of the motion capture "
+        "or, where it uses them, by gyro and accelerometer. Negative when the vehicle enters a "
+        "known region before it touches. Not printed in the paper.",
+        factor=1e3, card=True,
+    ),
+    Figure(
+        "max_tilt_rad", "Largest tilt", "°", 1,
+        "Largest angle between the vehicle's up axis and the vertical. Not printed in the paper.",
+        factor=180.0 / math.pi, card=True,
+    ),
+    Figure(
+        "settled_error_m", "Settled error", "m", 3,
+        "Distance from x_r once settled. Not printed in the paper.",
+        card=True,
+    ),
+)  # fmt: skip
 """Those of a report, in their order."""
 MORE: Final = (
-    Figure("RMS error in hover", "m", 3, "hover_rms_m"),
-    Figure("RMS error in the approach", "m", 3, "approach_rms_m"),
-    Figure("False alarms", "", 0, "false_alarms"),
-    Figure("Strikes", "", 1, "strikes"),
+    Figure("hover_rms_m", "RMS error in hover", "m", 3),
+    Figure("approach_rms_m", "RMS error in the approach", "m", 3),
+    Figure("false_alarms", "False alarms", "", 0),
+    Figure("strikes", "Strikes", "", 1),
 )
 """Those of terminals and sweeps alone."""
-BY_KEY: Final = {f.source: f for f in (*FIGURES, *MORE) if isinstance(f.source, str)}
-"""Key of the summary → its figure."""
-CARDS: Final = (
-    *("unstable_phase_s", "recovery_time_s", "max_falling_distance_m", "contact_known_s"),
-    *("max_tilt_rad", "settled_error_m"),
-)
-"""Key figures in the header of a report."""
-
-
-@dataclass(frozen=True)
-class FigureRow:
-    """A figure of one flight, and what the paper prints."""
-
-    figure: Figure
-    flight: Value
-    paper: Value = None
+BY_KEY: Final = {figure.key: figure for figure in (*FIGURES, *MORE)}
 
 
 def is_paper_flight(scenario: Mapping[str, Any]) -> bool:
@@ -159,15 +191,18 @@ def is_paper_flight(scenario: Mapping[str, Any]) -> bool:
     return bool(same_vehicle and conf == paper["propeller"]["conf"])
 
 
-def figure_rows(
-    flight: Flight, milestones: FlightMilestones, figures: Sequence[Figure] = FIGURES
-) -> list[FigureRow]:
-    """Return figures of a flight; the paper's beside those of its experiment alone."""
-    of_paper = is_paper_flight(flight.scenario)
-    rows = []
+def figures_of(
+    flight: Flight, figures: Sequence[Figure] = FIGURES
+) -> list[tuple[Figure, Value, Value]]:
+    """Return figures of a flight, each with its value and the paper's.
+
+    Only flights of the paper's experiment have values of the paper.
+    """
+    of_paper, milestones = is_paper_flight(flight.scenario), find_milestones(flight)
+    rows: list[tuple[Figure, Value, Value]] = []
     for figure in figures:
         printed = figure.paper if of_paper else None
-        if printed == "recovers" and milestones.reaction == NoReaction.name:
+        if printed == "recovers" and flight.summary["reaction"] == NoReaction.name:
             printed = "falls and crashes"
-        rows.append(FigureRow(figure, figure.of(flight.summary, milestones), printed))
+        rows.append((figure, figure.of(flight.summary, milestones), printed))
     return rows

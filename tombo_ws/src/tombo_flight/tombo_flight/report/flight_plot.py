@@ -301,12 +301,13 @@ def _samples(t: Array, window: TimeWindow) -> slice:
 
 
 def _title(figure: Figure, summary: Mapping[str, Any], milestones: FlightMilestones) -> None:
-    name = milestones.name if len(milestones.name) <= 60 else milestones.name[:59] + "…"
+    name = str(summary["scenario"])
+    name = name if len(name) <= 60 else name[:59] + "…"
     figure.text(_LEFT, 0.965, name, size=14, weight="bold", va="center", parse_math=False)
     details = [
-        None if milestones.seed is None else f"seed {milestones.seed}",
-        None if milestones.conf is None else f"Conf. {milestones.conf} propellers",
-        reaction_words(milestones.reaction),
+        f"seed {summary['seed']}",
+        None if summary["conf"] is None else f"Conf. {summary['conf']} propellers",
+        reaction_words(summary["reaction"]),
         f"{milestones.duration_s:.1f} s",
     ]
     figures = [

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from tombo_flight.report.figures import (
-    CARDS,
     FIGURES,
     MORE,
-    FigureRow,
-    figure_rows,
+    Figure,
+    Value,
+    figures_of,
     fixed,
     is_paper_flight,
 )
@@ -23,7 +23,6 @@ from tombo_flight.report.milestones import (
     FlightMilestones,
     FlightOutcome,
     find_milestones,
-    number,
     reaction_words,
 )
 from tombo_flight.report.page import (
@@ -41,7 +40,7 @@ from tombo_flight.report.page import (
 from tombo_flight.report.replay_data import flight_block, milestones_block, script_json
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Drawing
 
     from tombo_bag.flight import Flight
 
@@ -63,6 +62,8 @@ header, main, footer { max-width: 1440px; }
 .picture > svg { max-width: none; min-width: 760px; }
 .panel:has(> .picture) { overflow-x: auto; }
 """
+_Row = tuple[Figure, Value, Value]
+"""A figure, its value of the flight, and the paper's."""
 _FOOTER: Final = (
     "Positions are east, north, up in metres. Everything shown is ground truth of the simulation "
     "unless it is called an estimate. The paper: “Tombo Propeller: Bio-Inspired Deformable "
@@ -70,7 +71,7 @@ _FOOTER: Final = (
 )
 
 
-def write_report(flight: Flight, path: Path, figure: Figure | None = None) -> None:
+def write_report(flight: Flight, path: Path, figure: Drawing | None = None) -> None:
     """Write the self-contained report of a flight.
 
     Args:
@@ -86,12 +87,14 @@ def report_html(flight: Flight) -> str:
     return page_html(report_page(flight))
 
 
-def report_page(flight: Flight, figure: Figure | None = None) -> Page:
+def report_page(flight: Flight, figure: Drawing | None = None) -> Page:
     """Return the page of `report.html`: `flight_page` with the data of the 3-D replay."""
     return replace(flight_page(flight, figure), scripts=replay_scripts(flight))
 
 
-def flight_page(flight: Flight, figure: Figure | None = None, remarks: Sequence[str] = ()) -> Page:
+def flight_page(
+    flight: Flight, figure: Drawing | None = None, remarks: Sequence[str] = ()
+) -> Page:
     """Return the page of a flight, but for the data of the 3-D replay.
 
     Args:
@@ -99,16 +102,16 @@ def flight_page(flight: Flight, figure: Figure | None = None, remarks: Sequence[
         figure: the still figure where it is drawn already.
         remarks: further sentences on a terminal.
     """
-    milestones = find_milestones(flight)
+    milestones, name = find_milestones(flight), str(flight.summary["scenario"])
     paper = is_paper_flight(flight.scenario)
-    rows = [r for r in figure_rows(flight, milestones) if paper or r.flight is not None]
+    rows = [row for row in figures_of(flight) if paper or row[1] is not None]
     cards = _key_figures(rows)
     shown = {card.name for card in cards} | {FIGURES[0].name}
     collided = milestones.contact_s is not None
-    short = [r for r in rows if r.figure.name not in shown and (collided or r.flight is not None)]
-    short += [r for r in figure_rows(flight, milestones, MORE[:3]) if r.flight is not None]
+    short = [r for r in rows if r[0].name not in shown and (collided or r[1] is not None)]
+    short += [row for row in figures_of(flight, MORE[:3]) if row[1] is not None]
 
-    def draw() -> Figure:
+    def draw() -> Drawing:
         from tombo_flight.report.flight_plot import draw_flight
 
         return figure or draw_flight(flight)
@@ -116,12 +119,12 @@ def flight_page(flight: Flight, figure: Figure | None = None, remarks: Sequence[
     plot = Picture(draw, "Position, height, attitude and rotor thrust against time")
     figures: list[Item] = [_comparison_table(rows, paper, wide=True), _definitions(rows)]
     return Page(
-        title=f"{milestones.name}: {milestones.verdict.value}",
+        title=f"{name}: {milestones.verdict.value}",
         eyebrow="Tombo flight report",
-        headline=milestones.name,
+        headline=name,
         verdict=milestones.verdict.value,
         verdict_style=_STYLES[milestones.verdict],
-        summary="  ·  ".join(_facts(flight, milestones)),
+        summary="  ·  ".join(_facts(flight.summary, milestones)),
         cards=cards,
         sections=[
             Section("", [Markup(asset("stage.html"))], "page"),
@@ -155,7 +158,7 @@ def replay_scripts(flight: Flight) -> str:
     return "\n".join(parts)
 
 
-def _comparison_table(rows: Iterable[FigureRow], paper: bool, *, wide: bool) -> Table:
+def _comparison_table(rows: Iterable[_Row], paper: bool, *, wide: bool) -> Table:
     """Return a table of figures, with those of the paper.
 
     Args:
@@ -164,36 +167,33 @@ def _comparison_table(rows: Iterable[FigureRow], paper: bool, *, wide: bool) -> 
         wide: with differences, and definitions as tooltips.
     """
     lines = []
-    for row in rows:
-        figure = row.figure
+    for figure, flown, printed in rows:
         cells = [Cell(figure.name, tooltip=figure.definition if wide else "")]
-        cells += [Cell(figure.text(row.paper))] if paper else []
-        cells.append(Cell(figure.text(row.flight)))
+        cells += [Cell(figure.text(printed))] if paper else []
+        cells.append(Cell(figure.text(flown)))
         if paper and wide:
-            cells.append(Cell(_difference(row)))
+            cells.append(Cell(_difference(figure, flown, printed)))
         lines.append(cells)
     head = ["Figure", *(["Paper"] if paper else []), "This flight"]
     head += ["Difference"] if paper and wide else []
     return Table(head, lines, "compare")
 
 
-def _definitions(rows: Iterable[FigureRow]) -> Folded:
-    lines = [f"{row.figure.name}. {row.figure.definition}" for row in rows]
+def _definitions(rows: Iterable[_Row]) -> Folded:
+    lines = [f"{figure.name}. {figure.definition}" for figure, _, _ in rows]
     return Folded("What each figure means", [Text(lines, "list", "notes")])
 
 
-def _key_figures(rows: Sequence[FigureRow]) -> list[Card]:
+def _key_figures(rows: Sequence[_Row]) -> list[Card]:
     """Return the key figures of the header; none if the flight has none of them."""
-    shown = [row for row in rows if row.figure.source in CARDS]
-    if all(row.flight is None for row in shown):
+    shown = [row for row in rows if row[0].card]
+    if all(flown is None for _, flown, _ in shown):
         return []
     cards = []
-    for row in shown:
-        value, _, unit = row.figure.text(row.flight).partition(" ")
-        beside = ""
-        if isinstance(row.paper, float):
-            beside = f"paper {fixed(row.paper, 1)} {row.figure.unit}"
-        cards.append(Card(row.figure.name, value, unit, beside, tooltip=row.figure.definition))
+    for figure, flown, printed in shown:
+        value, _, unit = figure.text(flown).partition(" ")
+        beside = f"paper {fixed(printed, 1)} {figure.unit}" if isinstance(printed, float) else ""
+        cards.append(Card(figure.name, value, unit, beside, tooltip=figure.definition))
     return cards
 
 
@@ -201,10 +201,9 @@ def _events_table(events: Iterable[Mapping[str, Any]]) -> Table:
     """Return the events of the flight in their order; each time is a button that seeks."""
     lines = []
     for event in events:
-        time_s = number(event, "time_s")
-        seek = "" if time_s is None else f'<button data-seek="{time_s!r}">{time_s:.3f} s</button>'
-        kind = str(event.get("kind", "")).replace("_", " ")
-        lines.append((Cell("", html=seek), kind, str(event.get("text", ""))))
+        time_s = float(event["time_s"])
+        seek = f'<button data-seek="{time_s!r}">{time_s:.3f} s</button>'
+        lines.append((Cell("", html=seek), event["kind"].replace("_", " "), event["text"]))
     return Table((), lines, "plain")
 
 
@@ -240,43 +239,33 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _difference(row: FigureRow) -> str:
-    if not isinstance(row.paper, float) or not isinstance(row.flight, float):
+def _difference(figure: Figure, flown: Value, printed: Value) -> str:
+    if not isinstance(printed, float) or not isinstance(flown, float):
         return ""
-    digits = row.figure.digits
-    change = round(row.flight - row.paper, digits)
+    change = round(flown - printed, figure.digits)
     if change == 0.0:
         return "none"
-    percent = round(100.0 * (row.flight / row.paper - 1.0))
+    percent = round(100.0 * (flown / printed - 1.0))
     share = f" ({_signed(percent, 0)} %)" if percent else ""
-    return f"{_signed(change, digits)} {row.figure.unit}{share}"
+    return f"{_signed(change, figure.digits)} {figure.unit}{share}"
 
 
 def _signed(value: float, digits: int) -> str:
     return f"{'+' if value > 0 else '−'}{abs(value):.{digits}f}"
 
 
-def _facts(flight: Flight, milestones: FlightMilestones) -> list[str]:
-    facts = []
-    if milestones.seed is not None:
-        facts.append(f"seed {milestones.seed}")
-    if milestones.conf is not None:
-        facts.append(f"Conf. {milestones.conf} propellers")
-    if flight.summary.get("law"):
-        facts.append(f"law {flight.summary['law']}")
-    if flight.summary.get("model"):
-        facts.append(f"model {flight.summary['model']}")
-    reaction = reaction_words(milestones.reaction)
-    if reaction is not None:
-        facts.append(reaction)
-    if flight.summary.get("disturbances"):
-        facts.append("with disturbances")
-    if milestones.crash_s is not None:
-        facts.append(f"crashed at {milestones.crash_s:.1f} s")
-    if flight.summary.get("interrupted") is True:
-        facts.append("interrupted")
-    facts.append(f"{milestones.duration_s:.1f} s of flight")
-    factor = number(flight.summary, "real_time_factor")
-    if factor is not None:
+def _facts(summary: Mapping[str, Any], milestones: FlightMilestones) -> list[str]:
+    facts = [
+        f"seed {summary['seed']}",
+        f"Conf. {summary['conf']} propellers" if summary["conf"] is not None else "",
+        f"law {summary['law']}" if summary["law"] else "",
+        f"model {summary['model']}" if summary["model"] else "",
+        reaction_words(summary["reaction"]) or "",
+        "with disturbances" if summary["disturbances"] else "",
+        f"crashed at {milestones.crash_s:.1f} s" if milestones.crash_s is not None else "",
+        "interrupted" if summary.get("interrupted") else "",
+        f"{milestones.duration_s:.1f} s of flight",
+    ]
+    if (factor := summary["real_time_factor"]) is not None:
         facts.append(f"simulated {factor:.0f} times faster than real time")
-    return facts
+    return [fact for fact in facts if fact]

@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from tombo_dynamics.arrays import Array
+from tombo_flight.flight_metrics import STABLE_TILT
 from tombo_flight.report import style
-from tombo_flight.report.milestones import FRONT_LEFT, ROTOR_NAMES, UPRIGHT_RAD, FlightMilestones
+from tombo_flight.report.milestones import FRONT_LEFT, ROTOR_NAMES, FlightMilestones
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
@@ -182,13 +183,13 @@ def attitude(panel: Panel, angles_deg: Array) -> None:
     colours, names = (style.BLUE, style.ORANGE, style.GREEN), ("roll", "pitch", "yaw")
     for i in (2, 1, 0):
         panel.trace(angles_deg[:, i], colours[i], 1.3)
-    upright_deg = float(np.degrees(UPRIGHT_RAD))
+    upright_deg = float(np.degrees(STABLE_TILT))
     for limit in (-upright_deg, upright_deg):
         panel.axes.axhline(limit, color=style.MUTED, lw=0.7, ls=(0, (2, 2)), zorder=1.5)
     panel.fit([angles_deg[panel.cut], np.array((-12.0, 12.0))])
     panel.axes.set_ylabel("attitude [°]")
     handles = [key(c, 1.3, n) for c, n in zip(colours, names, strict=True)]
-    panel.legend([*handles, key(style.MUTED, 0.7, f"{UPRIGHT_RAD} rad", dashed=True)])
+    panel.legend([*handles, key(style.MUTED, 0.7, f"{STABLE_TILT} rad", dashed=True)])
 
 
 def thrust(panel: Panel) -> None:

@@ -16,7 +16,7 @@ from tombo_dynamics.messages import PHASE_NAMES
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, VehicleParams
 from tombo_flight.json_text import plain
 from tombo_flight.report import style
-from tombo_flight.report.milestones import ROTOR_NAMES, FlightMilestones, number
+from tombo_flight.report.milestones import ROTOR_NAMES, FlightMilestones
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
@@ -38,9 +38,8 @@ class DrawnAirframe:
     @classmethod
     def of(cls, scenario: Mapping[str, Any]) -> DrawnAirframe:
         """The airframe of a scenario as flown; what it does not say is the default vehicle's."""
-        given = scenario.get("vehicle")
-        lengths = {f.name: number(given, f.name) for f in fields(cls)} if given else {}
-        return cls(**{name: length for name, length in lengths.items() if length is not None})
+        given = scenario.get("vehicle") or {}
+        return cls(**{f.name: given[f.name] for f in fields(cls) if f.name in given})
 
     @property
     def rotors_m(self) -> Array:
@@ -84,8 +83,6 @@ def kept_samples(t: Array, mark_s: float | None) -> NDArray[np.intp]:
         t: (N,) times of the flight, seconds, ascending.
         mark_s: instant around which to keep more, or None.
     """
-    if not len(t):
-        return np.zeros(0, dtype=np.intp)
     end_s = float(t[-1])
     step_s = max(1.0 / COARSE_HZ, end_s / MOST_COARSE_SAMPLES)
     wanted = [np.arange(0.0, end_s, step_s), np.array([end_s])]
@@ -128,14 +125,7 @@ def milestones_block(flight: Flight, milestones: FlightMilestones) -> dict[str, 
         "obstacle": None if obstacle is None else vars(obstacle),
         "phases": [[s.start_s, s.end_s, s.phase] for s in milestones.phases],
         "rotor_names": ROTOR_NAMES,
-        "events": [
-            {
-                "time_s": event.get("time_s"),
-                "kind": str(event.get("kind", "")),
-                "text": str(event.get("text", "")),
-            }
-            for event in flight.events
-        ],
+        "events": [{k: event[k] for k in ("time_s", "kind", "text")} for event in flight.events],
     }
 
 
@@ -165,8 +155,6 @@ def script_json(value: Any) -> str:
 
 
 def _largest_since(force: Array, index: NDArray[np.intp]) -> Array:
-    if not len(index):
-        return np.zeros((0, 1))
     size = np.linalg.norm(force, axis=1)
     starts = np.concatenate(([0], index[:-1] + 1))
     largest: Array = np.maximum.reduceat(size[: index[-1] + 1], starts)

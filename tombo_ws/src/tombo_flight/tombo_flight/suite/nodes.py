@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -81,19 +81,13 @@ MONITOR_MODULE = "tombo_flight.suite.monitor_node"
 """Not of the suite: forwards `/diagnostics` to the supervisor."""
 
 
-def node_program(
-    name: str, parameter_files: Sequence[Path], suite: Mapping[str, str] | None = None
-) -> Program:
-    """Return how to start a node of a suite with files of parameters, later ones winning."""
-    modules = SUITE if suite is None else suite
-    words = ["-p", f"core:={name}"] if modules[name] == HOST else []
-    words += [word for path in parameter_files for word in ("--params-file", str(path))]
-    ros = ["--ros-args", *words] if words else []
-    return Program(
-        name,
-        (sys.executable, *with_imports(modules[name]), *ros),
-        ends_last=modules[name] == RECORDER,
-    )
+def node_program(name: str, parameters: Path, suite: Mapping[str, str] | None = None) -> Program:
+    """Return how to start a node of a suite with a file of parameters."""
+    module = (SUITE if suite is None else suite)[name]
+    core = ("-p", f"core:={name}") if module == HOST else ()
+    ros = ("--ros-args", *core, "--params-file", str(parameters))
+    command = (sys.executable, *with_imports(module), *ros)
+    return Program(name, command, ends_last=module == RECORDER)
 
 
 def monitor_program(*arguments: str) -> Program:

@@ -10,12 +10,9 @@ import json
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, Final
 
-from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.params import as_text
-from tombo_dynamics.yaml_text import parse_yaml, read_text
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
 from tombo_flight.wiring import NEW_TOPICS, records_of
 from tombo_sim.propeller_effects import vehicle_effects
@@ -130,32 +127,6 @@ def _word(value: Any) -> str:
         mantissa, e, exponent = repr(value).partition("e")
         return f"{mantissa}{'' if '.' in mantissa or not e else '.0'}{e}{exponent}"
     return json.dumps(value, ensure_ascii=False)
-
-
-def check_parameter_file(path: Path) -> None:
-    """Refuse a file that would end every node that reads it.
-
-    Raises:
-        InputError: it can't be read, or is no parameter file of ROS.
-    """
-    what = f"parameter file '{path}'"
-    if not path.is_file():
-        raise InputError(f"{what}: no such file; accepted: a YAML file")
-    values = parse_yaml(read_text(path, what, "a YAML file"), what)
-    if not _names_nodes(values):
-        raise InputError(
-            f"{what}: {shown(values)}; accepted: nodes, each with its parameters, as in "
-            "{/**/detector: {ros__parameters: {detector: {threshold: 80.0}}}}"
-        )
-
-
-def _names_nodes(values: Any) -> bool:
-    """Whether each name of a mapping has `ros__parameters`, it or what it is a namespace of."""
-    if not isinstance(values, Mapping) or not values:
-        return False
-    if _PARAMETERS in values:
-        return len(values) == 1 and isinstance(values[_PARAMETERS], Mapping)
-    return all(isinstance(name, str) and _names_nodes(inner) for name, inner in values.items())
 
 
 def default_file() -> str:

@@ -23,12 +23,7 @@ from tombo_flight.suite.nodes import (
     node_environment,
     node_program,
 )
-from tombo_flight.suite.parameter_yaml import (
-    bridge_parameters,
-    check_parameter_file,
-    parameter_yaml,
-    suite_parameters,
-)
+from tombo_flight.suite.parameter_yaml import bridge_parameters, parameter_yaml, suite_parameters
 from tombo_flight.suite.status_table import SuiteState
 from tombo_flight.suite.supervisor import (
     ProcessExit,
@@ -55,7 +50,6 @@ class SuiteConfig:
         folder: of parameters and logs; made when it isn't there, refused when there is something.
         recording: parameters of the recorder.
         without: nodes to leave out.
-        files: parameter files over those of the scenario.
         speed: of simulated time against real time.
         lockstep: all nodes run the ticks of the headless flight, as fast as they can.
         domain: ROS_DOMAIN_ID; None: that of this process.
@@ -64,7 +58,7 @@ class SuiteConfig:
         more: further parameters of nodes, over those of the scenario.
 
     Raises:
-        InputError: unknown node, no parameter file, or a value out of bounds.
+        InputError: unknown node, or a value out of bounds.
     """
 
     scenario: Scenario
@@ -72,7 +66,6 @@ class SuiteConfig:
     folder: Path
     recording: dict[str, Any]
     without: tuple[str, ...] = ()
-    files: tuple[Path, ...] = ()
     speed: float = 1.0
     lockstep: bool = False
     domain: int | None = None
@@ -86,8 +79,6 @@ class SuiteConfig:
                 raise unknown_name("node", name, self.modules)
         if not self.nodes:
             raise InputError("no node is left to start; accepted: at least one")
-        for path in self.files:
-            check_parameter_file(path)
         if not 0.01 <= self.speed <= FASTEST:
             raise InputError(
                 f"speed {self.speed:g}: out of bounds; accepted: a number from 0.01 to {FASTEST:g}"
@@ -251,6 +242,5 @@ def _programs(config: SuiteConfig) -> Sequence[Program]:
     file = config.folder / PARAMETERS
     comment = f"The parameters with which {config.scenario.name}, seed {config.seed}, was started."
     file.write_text(parameter_yaml(parameters, comment), encoding="utf-8")
-    files = [path.resolve() for path in (file, *config.files)]
-    programs = [node_program(name, files, config.modules) for name in config.nodes]
+    programs = [node_program(name, file.resolve(), config.modules) for name in config.nodes]
     return [*programs, monitor_program(*config.monitor)]

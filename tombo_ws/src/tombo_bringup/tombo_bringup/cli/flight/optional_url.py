@@ -17,8 +17,6 @@ OPTION = "--px4"
 SIMULATED = "sim"
 """Value of the option without a URL."""
 _URL = re.compile(r"[A-Za-z][\w+.-]*://|/dev/|$")
-_MAVPROXY = re.compile(r"(udp|udpin|udpout|tcp|tcpin|tcpout|serial):(?!//)(.*)")
-"""Its spelling of the same ways: `udpin:127.0.0.1:14540`."""
 PX4_SPEED = OptionRule(
     "--speed {speed:g}", "speed", (), ("px4",), "without --px4, which is in real time"
 )
@@ -71,7 +69,7 @@ def expand_url_option(words: Sequence[str]) -> list[str]:
     """Return the arguments with a value for the option.
 
     The word behind it is its value if it looks like a URL (`SCHEME://...`), a device or nothing
-    at all; any other is not. What MAVProxy would take is spelt as a URL.
+    at all; any other is not.
     """
     found: list[str] = []
     rest = list(words)
@@ -80,17 +78,10 @@ def expand_url_option(words: Sequence[str]) -> list[str]:
         if word == "--":
             return [*found, word, *rest]
         if word == OPTION:
-            given = rest and (_URL.match(rest[0]) or _MAVPROXY.fullmatch(rest[0]))
+            given = rest and _URL.match(rest[0])
             word = f"{OPTION}={rest.pop(0) if given else SIMULATED}"
-        if word.startswith(f"{OPTION}="):
-            word = f"{OPTION}={_spelt_out(word.removeprefix(f'{OPTION}='))}"
         found.append(word)
     return found
-
-
-def _spelt_out(url: str) -> str:
-    found = _MAVPROXY.fullmatch(url)
-    return url if found is None else f"{found[1]}://{found[2]}"
 
 
 class OptionalUrlCommand(TyperCommand):

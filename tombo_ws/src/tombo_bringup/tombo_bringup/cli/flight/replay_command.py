@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -12,9 +11,6 @@ from tombo_bringup.cli import options
 from tombo_bringup.cli.options import argument, command, option, record
 from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError
-
-if TYPE_CHECKING:
-    from tombo_flight.replay.metrics import Tolerances
 
 app = typer.Typer()
 
@@ -42,11 +38,6 @@ class _Replay:
         "--stamp-on-arrival", "Stamp poses when they arrived, not by header.", False
     )
     strict: bool = option("--strict", "Exit with 1 if there is a difference.", False)
-    tolerances: list[str] | None = option(
-        "--tolerance KEY=VALUE",
-        "What counts as a difference: time_ms, x_c_m, statistic, setpoint_m, odometry_m or "
-        "command_rad_s. May be given many times.",
-    )
 
 
 @command(app, epilog=REPLAY_EXIT_CODES)
@@ -77,7 +68,6 @@ def replay(
         stamp_on_arrival=given.stamp_on_arrival,
         scenario=given.scenario,
         settings=tuple(settings.settings or ()),
-        tolerances=_tolerances(given.tolerances or []),
     )
     place = None if copies.output is None else Path(copies.output)
     with ExitStack() as stack:
@@ -101,17 +91,6 @@ def _nodes(names: list[str]) -> tuple[str, ...]:
         if name not in NODES:
             raise unknown_name("--node", name, NODES)
     return tuple(name for name in NODES if name in names)
-
-
-def _tolerances(texts: list[str]) -> Tolerances:
-    from tombo_dynamics.params import from_mapping
-    from tombo_flight.replay.metrics import Tolerances
-    from tombo_flight.scenario import override
-
-    values: dict[str, Any] = {}
-    for text in texts:
-        values = override(values, text, "--tolerance", "x_c_m=0.002")
-    return from_mapping(Tolerances, values, "--tolerance")
 
 
 def _finite(option: str, value: float) -> float:

@@ -37,10 +37,6 @@ class _Up:
     without: list[str] | None = option(
         "--without NODE", "Leave a node out. May be given many times."
     )
-    params: list[Path] | None = option(
-        "--params FILE",
-        "A ROS parameter file over those of the scenario. May be given many times.",
-    )
 
 
 @command(app, lab=True, epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)
@@ -89,7 +85,6 @@ def up(
         seed=draw.seed or 0,
         folder=folder,
         recording=_recording(folder),
-        files=tuple(more.params or ()),
         speed=speed,
         domain=domain.domain,
         monitor=("--flight", "--mocap"),

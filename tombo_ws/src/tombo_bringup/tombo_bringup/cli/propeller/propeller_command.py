@@ -1,11 +1,9 @@
-"""`tombo propeller`: operating points of a propeller as table, plot or JSON, and its moduli."""
+"""`tombo propeller`: operating points of a propeller as table or JSON."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -28,20 +26,17 @@ app = typer.Typer(
 )
 
 _MOST_ROWS = 100_000
-_CURVE_POINTS = 400
 _FIELDS = ("thrust_N", "drag_N", "torque_Nm", "alpha_rad", "beta_rad", "gamma_rad")
 _HEADINGS = (
     *("rpm", "thrust N", "drag N", "torque mN m"),
     *("alpha deg", "beta deg", "gamma deg", "L/D", "valid"),
 )
-_FORMATS = (".png", ".svg", ".pdf")
 _RPM = 30.0 / math.pi
 
 
 @record
 class _Points:
     rpm: str | None = option("--rpm A:B:STEP", "Both ends included; or one speed. Default: all.")
-    output: Path | None = option("-o/--output FILE", "Plot all valid speeds into FILE.")
 
 
 def propeller(
@@ -51,9 +46,9 @@ def propeller(
     given: _Points,
     shown: options.Shown,
 ) -> None:
-    """Print the operating points of a propeller; with -o, plot them over speed.
+    """Print the operating points of a propeller: by default configuration 13, law repaired.
 
-    Default: configuration 13, law repaired.
+    Curves over speed: tombo workbench.
 
     Speeds of a range at which the law is not valid come out as valid = false and empty; if there
     is no valid one at all, that is an error.
@@ -65,12 +60,10 @@ def propeller(
 
     conf = 13 if which.conf is None else which.conf
     law = "repaired" if which.law is None else which.law
-    chosen, output = own.read().configuration(conf), given.output
+    chosen = own.read().configuration(conf)
     limit = valid_speed(chosen, law) * _RPM
     speeds = _default_speeds(limit) if given.rpm is None else parse_rpm(given.rpm)
     radians = [speed / _RPM for speed in speeds]
-    if output is not None:
-        _check_writable(output)
     points = evaluate(chosen, radians, law, outside="mask")
     if not points.valid.any():
         evaluate(chosen, radians, law)  # says which range is valid
@@ -80,9 +73,6 @@ def propeller(
         from tombo_bringup.cli.tables import show_page
 
         show_page(_page(points, speeds, chosen, law, limit), False)
-    if output is not None:
-        _plot(output, chosen, law, limit)
-        typer.echo(f"Plot: {output.resolve()}", err=shown.as_json)
 
 
 def _refuse_options_before(ctx: typer.Context, command: str) -> None:
@@ -153,20 +143,6 @@ def _default_speeds(limit: float) -> list[float]:
     return [step * i for i in range(1, math.floor(limit / step + 1e-9) + 1)]
 
 
-def _check_writable(path: Path) -> None:
-    from tombo_dynamics.errors import InputError
-
-    folder = path.resolve().parent
-    if path.suffix.lower() not in _FORMATS:
-        raise InputError(f"-o {path}: no picture format; accepted: {', '.join(_FORMATS)}")
-    if not folder.is_dir():
-        raise InputError(
-            f"-o {path}: no folder {folder}; accepted: a file in a folder that exists"
-        )
-    if path.is_dir() or not os.access(path if path.exists() else folder, os.W_OK):
-        raise InputError(f"-o {path}: not writable; accepted: a file that can be written")
-
-
 def _page(
     points: Operation, speeds: list[float], chosen: Configuration, law: str, limit: float
 ) -> Page:
@@ -204,51 +180,6 @@ def _page(
         summary="",
         sections=[Section("", [Table(_HEADINGS, table), Text(lines)])],
     )
-
-
-def _plot(path: Path, chosen: Configuration, law: str, limit: float) -> None:
-    """Draw the whole valid range of speeds, whatever the table shows."""
-    from matplotlib.figure import Figure
-
-    from tombo_dynamics.propeller import evaluate, speed_of_maximum_thrust
-
-    rpm = [limit * i / _CURVE_POINTS for i in range(_CURVE_POINTS + 1)]
-    points = evaluate(chosen, [speed / _RPM for speed in rpm], law, outside="mask")
-    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
-    (force, torque), (angle, ratio) = figure.subplots(2, 2, sharex=True)
-    force.plot(rpm, points.thrust_N, label="thrust", color="C0")
-    force.plot(rpm, points.drag_N, label="drag", color="C1")
-    torque.plot(rpm, points.torque_Nm * 1e3, color="C1")
-    for name, label in (("alpha", "lag α"), ("beta", "flap β"), ("gamma", "twist γ")):
-        values: Any = getattr(points, f"{name}_rad")
-        angle.plot(rpm, values * 180.0 / math.pi, label=label)
-    ratio.plot(rpm, points.lift_over_drag, color="C2")
-    if chosen.measured is not None:
-        measured = chosen.measured
-        force.errorbar(
-            [2000.0], [measured.thrust_N], yerr=[measured.thrust_dev_N], fmt="k.", capsize=3,
-            label="thrust measured (Table III)",
-        )  # fmt: skip
-    top, exists = speed_of_maximum_thrust(chosen, law)
-    for axes, label in (
-        (force, "force [N]"),
-        (torque, "torque [mN m], not validated"),
-        (angle, "angle [deg]"),
-        (ratio, "lift over drag"),
-    ):
-        axes.set_ylabel(label)
-        axes.grid(alpha=0.3)
-        if exists:
-            axes.axvline(top * _RPM, color="0.5", linestyle="--", linewidth=1.0)
-    if exists:
-        force.plot([], [], color="0.5", linestyle="--", label="speed of maximum thrust")
-    force.legend()
-    angle.legend()
-    for axes in (angle, ratio):
-        axes.set_xlabel("speed [rpm]")
-    name = chosen.name or f"Conf. {chosen.number}{', rigid' if chosen.rigid else ''}"
-    figure.suptitle(f"{name}, law {law}")
-    figure.savefig(path, dpi=120)
 
 
 app.callback(invoke_without_command=True)(options.spelt_out(propeller))
