@@ -34,7 +34,7 @@ missing() { echo "set-up: $1" >&2; exit 2; }
 # --- What each step is made from ------------------------------------------------------------
 
 key() { sha256sum | cut -c1-16; }
-requirements_key() { cat "$ROOT"/requirements{,-pip,-build,-test}.txt | key; }
+requirements_key() { cat "$ROOT"/requirements{,-pip,-build,-study,-test}.txt | key; }
 web_key() { cat "$ROOT"/requirements-web.txt | key; }
 workspace_key() {
   {
@@ -155,7 +155,7 @@ install_requirements() {
   rm -f "$KEYS"/{requirements,workspace,kernels,web}
   pip_install -r "$ROOT/requirements-pip.txt"
   pip_install -r "$ROOT/requirements.txt" -r "$ROOT/requirements-build.txt" \
-    -r "$ROOT/requirements-test.txt"
+    -r "$ROOT/requirements-study.txt" -r "$ROOT/requirements-test.txt"
   echo "$requirements" >"$KEYS/requirements"
 }
 

@@ -108,6 +108,7 @@ def test_a_ros_1_bag_with_another_frame(tmp_path, flight):
     refused = replay_bag(path, ReplayRequest())
     assert refused.replayed.events == []
     assert refused.nodes["detector"]["poses_refused"] == {"wrong_frame": 1198}
+    assert any("--frame-ok 'world'" in finding for finding in refused.findings)
     assert events(path, frame_ok="world") == [24.233]
 
 
@@ -130,6 +131,7 @@ def test_two_clocks_made_one(tmp_path, flight):
     path = write(tmp_path / "lab.mcap", flight.shifted(3_200_000_000))
     late = replay_bag(path, ReplayRequest(nodes=("detector",)))
     assert late.nodes["detector"]["poses_refused"] == {"future": 1198}
+    assert any("3.2 s ahead of arrival" in finding for finding in late.findings)
     assert events(path, shift_stamps_s=-3.2) == [24.233]
 
 

@@ -3,11 +3,16 @@
 If this fails after a change of behaviour that is meant: `python tests/bags/make_bags.py`.
 """
 
+import struct
+
 import numpy as np
 import pytest
+from bag_rewrite import rewrite
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from tombo_bag.flight_time import FLIGHT_METADATA
+from tombo_bag.recording import Recording
 from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams
 from tombo_dynamics.messages import Pose
@@ -79,6 +84,9 @@ def test_a_headless_flight_is_replayed_to_the_last_bit(short_flight):
     assert set(result.nodes) == {"detector", "mission", "reaction", "estimator", "controller"}
     series = (one for node in result.nodes.values() for one in node.values())
     compared = [one for one in series if isinstance(one, dict) and "compared" in one]
+    confirmed = [one for one in compared if "differing" in one]  # by filterpy
+    assert [one["differing"] for one in confirmed] == [0]
+    compared = [one for one in compared if "differing" not in one]
     assert len(compared) == 7
     for one in compared:
         assert one["compared"] > 300
@@ -94,6 +102,30 @@ def short_flight(tmp_path_factory):
     short = ["mission.takeoff_time=0.1", "mission.approach_time=5.0", "duration=16.0"]
     write_mcap(fly_scenario(load_scenario(settings=short), 3), path)
     return path
+
+
+@pytest.mark.slow
+def test_a_statistic_that_is_not_the_filters_is_a_finding(short_flight, tmp_path):
+    """Values that are off by 1e-8 are below the tolerances of the replay."""
+
+    def off(topic, messages):
+        if topic != "/detector/status":
+            return messages
+        value = struct.Struct("<d")
+        at = len(messages[0]) - 24  # statistic, threshold, two counts
+        return [
+            m[:at] + value.pack(value.unpack_from(m, at)[0] * (1.0 + 1e-8)) + m[at + 8 :]
+            for m in messages
+        ]
+
+    with Recording(short_flight) as recording:
+        metadata = dict(recording.metadata[FLIGHT_METADATA])
+    path = rewrite(short_flight, tmp_path / "off.mcap", metadata=metadata, edit=off)
+    result = replay_bag(path, ReplayRequest(nodes=("detector",)))
+    (line,) = [line for line in result.findings if "filterpy" in line]
+    assert f"of {result.nodes['detector']['filterpy']['compared']} poses" in line
+    assert result.nodes["detector"]["filterpy"]["differing"] > 200
+    assert result.differences == []
 
 
 def without_beginning(source, target, seconds):

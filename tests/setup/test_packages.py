@@ -132,7 +132,7 @@ def test_no_manifest_has_a_key_that_rosdep_does_not_have(package: Path):
 
 
 def test_libraries_without_a_key_are_pinned_and_documented():
-    files = ("requirements.txt", "requirements-web.txt")
+    files = ("requirements.txt", "requirements-study.txt", "requirements-web.txt")
     pinned = "".join(f"\n{(ROOT / name).read_text()}" for name in files)
     page = (ROOT / "docs" / "nodes.md").read_text()
     for name in WITHOUT_KEY:

@@ -74,13 +74,13 @@ def test_the_same_flight_again_gives_the_same_bytes(tombo, tmp_path):
 
 def test_options_reach_the_flight(tombo, tmp_path):
     summary = tombo(
-        "fly", "--reaction", "none", "--no-record", "--json", "--set", "propeller.conf=9",
-        "--set", "propeller.law=published", "--set", "duration=2", "--set", "vehicle.mass=0.9",
+        "fly", "--conf", "9", "--law", "published", "--reaction", "none", "--no-record", "--json",
+        "--set", "propeller.conf=10", "--set", "duration=2", "--set", "vehicle.mass=0.9",
     ).json  # fmt: skip
 
     assert (summary["conf"], summary["law"], summary["reaction"]) == (9, "published", "none")
     (folder,) = (tmp_path / "runs").iterdir()
-    label = "paper_collision-0-reaction_none-conf_9-law_published-duration_2-mass_0.9"
+    label = "paper_collision-0-reaction_none-conf_9-duration_2-mass_0.9-law_published"
     assert folder.name.startswith(label)
     report = (folder / "report.html").read_text()
     assert re.search(r'<th scope="row">vehicle.mass</th>\s*<td>0.9</td>', report)

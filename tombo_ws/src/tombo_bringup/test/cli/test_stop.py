@@ -56,12 +56,12 @@ def workers(session: int) -> list[Process]:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Start]:
-    """Start `tombo ...` in a session of its own, of which nothing is left after the test."""
+    """Start `tombo fly ...` in a session of its own, of which nothing is left after the test."""
     sessions: list[int] = []
 
     def popen(*arguments: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "tombo_bringup.cli.main", *arguments],
+            [sys.executable, "-m", "tombo_bringup.cli.main", "fly", *arguments],
             cwd=tmp_path,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -80,7 +80,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_stopped_flight_leaves_what_was_flown(start, tmp_path, number, code):
-    process = start("fly", *LONG, "-o", "out", "--json")
+    process = start(*LONG, "-o", "out", "--json")
     wait_for(lambda: any(tmp_path.iterdir()))  # the folder is prepared, the flight begins
     time.sleep(0.1)
     os.killpg(process.pid, number)
@@ -101,7 +101,7 @@ def test_a_stopped_flight_leaves_what_was_flown(start, tmp_path, number, code):
 
 @pytest.mark.real_time
 def test_ctrl_c_ends_a_sweep_with_all_its_processes(start, tmp_path):
-    process = start("sweep", "--seeds", "0:5000", "-o", "out", "--json")
+    process = start("--seeds", "0:5000", "-o", "out", "--json")
     wait_for(lambda: workers(process.pid))
     time.sleep(0.3)
     began = time.monotonic()

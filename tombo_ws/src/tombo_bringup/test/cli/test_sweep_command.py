@@ -1,4 +1,4 @@
-"""`tombo sweep`; what it flies: tombo_flight/test/sweep."""
+"""`tombo sweep` and `tombo fly --seeds`; what they fly: tombo_flight/test/sweep."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ def test_a_sweep_leaves_table_page_and_what_was_flown(tombo, tmp_path):
     for number in ("", "-2"):
         result = tombo(*words)
         assert result.code == 0, result.err
-        assert "12 flights: 0 of 12 crashed" in result.out and "0 collided" in result.out
-        assert "paper" not in result.out, "figures of no collision"
+        assert "12 flights: 0 of 12 crashed" in result.out
         folder = tmp_path / "runs" / f"sweep-hover{number}"
         assert names(folder) == FILES
     table = pq.read_table(folder / "flights.parquet")
@@ -35,8 +34,8 @@ def test_a_sweep_leaves_table_page_and_what_was_flown(tombo, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_sweep_of_seeds_has_the_single_flights(tombo, tmp_path):
-    words = ("sweep", "--set", "propeller.conf=10", "--set", "duration=26", "--seeds", "4:9")
+def test_many_seeds_of_fly_are_a_sweep_of_the_single_flights(tombo, tmp_path):
+    words = ("fly", "--conf", "10", "--set", "duration=26", "--seeds", "4:9")
     result = tombo(*words, "-o", "c", "--json")
     assert (result.code, result.err) == (0, "")
     assert names(tmp_path / "c") == FILES
@@ -51,8 +50,22 @@ def test_a_sweep_of_seeds_has_the_single_flights(tombo, tmp_path):
     assert total["max_falling_distance_m"]["max"] == pytest.approx(
         max(summary["max_falling_distance_m"] for summary in alone), abs=1e-6
     )
-    refused = tombo("sweep", "--seeds", "4:10", "-o", "c")
+    refused = tombo("fly", "--seeds", "4:10", "-o", "c")
     assert refused.code == 2 and "another seeds" in refused.err
+
+
+@pytest.mark.slow
+def test_many_seeds_of_fly_go_into_a_named_run_and_replace_what_may_be_replaced(tombo, tmp_path):
+    words = ("fly", "hover", "--set", "duration=0.5")
+    result = tombo(*words, "--seeds", "0:2")
+    assert result.code == 0
+    assert "2 flights: 0 of 2 crashed" in result.out and "0 collided" in result.out
+    assert "–" not in result.out and "paper" not in result.out, "figures of no collision"
+    assert names(tmp_path / "runs") == {"hover-0-2-duration_0.5"}
+    assert tombo(*words, "-o", "one").code == 0
+    assert tombo(*words, "--seeds", "0:2", "-o", "one").code == 2
+    assert tombo(*words, "--seeds", "0:2", "-o", "one", "--force").code == 0
+    assert names(tmp_path / "one") == FILES
 
 
 @pytest.mark.parametrize("given", ["vehicle={mass: 1,4}", "mission={height: 2,5}"])

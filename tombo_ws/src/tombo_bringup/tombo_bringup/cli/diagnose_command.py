@@ -6,9 +6,10 @@ import datetime
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
+from typer.core import TyperCommand
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
@@ -22,10 +23,35 @@ if TYPE_CHECKING:
     from tombo_diagnosis.report.files import NominalReference
 
 app = typer.Typer()
+_MANY: Final = "--healthy"
 DIAGNOSE_EXIT_CODES: Final = (
     "Exit code: 0 whatever the verdict; 2 for bad input or output that can't be written; 130 "
     "after Ctrl-C, 143 after SIGTERM, with nothing written."
 )
+
+
+class ManyPathsCommand(TyperCommand):
+    """A command with the option --healthy OLD..., which takes all paths up to the next option."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Write --healthy before each of its paths."""
+        return super().parse_args(ctx, spread_paths(args))
+
+
+def spread_paths(args: list[str]) -> list[str]:
+    """Return `--healthy A B --json` as `--healthy A --healthy B --json`."""
+    spread: list[str] = []
+    taking = first = False
+    for k, arg in enumerate(args):
+        if arg == "--":
+            return [*spread, *args[k:]]
+        if taking and not arg.startswith("-"):
+            spread += [arg] if first else [_MANY, arg]
+            first = False
+            continue
+        taking = first = arg == _MANY
+        spread.append(arg)
+    return spread
 
 
 @record
@@ -37,9 +63,9 @@ class _Diagnosed(options.Logs):
         False,
     )
     healthy: list[Path] | None = option(
-        "--healthy OLD",
-        "A flight of the same vehicle from before, or a folder of them: say what has changed "
-        "since. They are the model; no other is used. May be given many times.",
+        "--healthy OLD...",
+        "Flights of the same vehicle from before: say what has changed since. They are the model; "
+        "no other is used. All paths up to the next option, or once for each.",
     )
     sessions: list[str] | None = option(
         "--session NAME=PATTERN",
@@ -92,7 +118,7 @@ def diagnose(
         )
         return
     if given.sessions:
-        raise InputError(f"--session {given.sessions[0]}: accepted with --healthy only")
+        raise InputError(f"--session {given.sessions[0]}: accepted with --healthy OLD... only")
     from tombo_diagnosis.report.files import DIAGNOSIS_FILES, write_diagnosis
     from tombo_diagnosis.report.page import diagnosis_page
 

@@ -33,6 +33,7 @@ _COMMANDS: Final = (
     "compare_command",
     "diagnose_command",
     "why_command",
+    "run_command",
     "catalogue_commands",
     "propeller.propeller_command",
     "vehicle_command",

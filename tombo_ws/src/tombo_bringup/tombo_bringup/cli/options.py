@@ -363,6 +363,15 @@ class Draw:
 
 
 @record
+class Seeds:
+    """Many random draws."""
+
+    seeds: str | None = option(
+        "--seeds A:B", "Fly seeds A to B-1 on all cores; one table, no files of single flights."
+    )
+
+
+@record
 class Duration:
     """When a command ends by itself."""
 

@@ -41,12 +41,12 @@ class Place:
         return open_output(self.path, replace=self.replace, numbered=self.numbered)
 
 
-def new_run(name: str, seed: str, settings: Sequence[str], vehicle: str | None) -> Place:
-    """Return a new folder under runs/: the scenario's name, its seed, vehicle and settings."""
+def new_run(name: str, seeds: str, settings: Sequence[str], vehicle: str | None) -> Place:
+    """Return a new folder under runs/: the scenario's name, its seeds, vehicle and settings."""
     changed = {} if vehicle is None else {"vehicle": Path(vehicle).stem}
     for key, _, value in (text.partition("=") for text in settings):
         changed[key.removesuffix(".name").rpartition(".")[2]] = value
-    label = "-".join([plain_name(name, "scenario"), seed])
+    label = "-".join([plain_name(name, "scenario"), seeds])
     more = "".join(
         f"-{plain_name(f'{key}_{value}')[:_LONGEST_CHANGE]}" for key, value in changed.items()
     )
@@ -158,7 +158,12 @@ def compute_into(
 
 
 def run_sweep(
-    study: SweepStudy, place: Place, as_json: bool, *, workers: int | None = None
+    study: SweepStudy,
+    place: Place,
+    as_json: bool,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
 ) -> None:
     """Fly what a sweep's folder lacks, with a progress bar and the time left, and show its page.
 
@@ -167,10 +172,11 @@ def run_sweep(
         place: of the results.
         as_json: only JSON is printed.
         workers: processes of this machine; the cores that this process may use if None.
+        scheduler: address of a Dask scheduler, in place of processes of this machine.
 
     Raises:
         typer.Exit: a signal came; what was flown is kept.
-        InputError: the folder can't be used.
+        InputError: the folder can't be used, or the scheduler can't be reached.
     """
     from tombo_bringup.cli.progress import duration_text, progress_bar
     from tombo_bringup.cli.tables import show_page
@@ -180,7 +186,7 @@ def run_sweep(
 
     with (
         StopSignals() as stop,
-        open_sweep(place.path, study, numbered=place.numbered) as opened,
+        open_sweep(place.path, study, numbered=place.numbered, again=place.replace) as opened,
         progress_bar() as on_progress,
     ):
         path, before, flights = opened.folder, opened.kept, study.flights
@@ -193,7 +199,9 @@ def run_sweep(
             import matplotlib.figure  # noqa: F401  # for the page, while the processes fly
 
         on_progress("loading", 0.0)
-        page = fly_sweep(opened, workers=workers, progress=tell, stop=stop.asked)
+        page = fly_sweep(
+            opened, workers=workers, scheduler=scheduler, progress=tell, stop=stop.asked
+        )
     if page is None:
         words = f"{opened.kept} of {flights} flights are kept; the same command with -o {path}"
         typer.echo(f"Interrupted: {words} goes on.", err=True)

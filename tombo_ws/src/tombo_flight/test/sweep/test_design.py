@@ -38,18 +38,20 @@ def test_a_full_design_has_each_combination_once_the_last_axis_fastest():
     assert len({tuple(point.items()) for point in points}) == design.points == 6
 
 
-def test_drawn_points_fill_their_ranges_evenly():
-    design = SweepDesign((parse_axis("a=10:20"), parse_axis("b=x,y")), 64)
+@pytest.mark.parametrize("kind", ["lhs", "sobol"])
+def test_a_drawn_design_fills_its_ranges_evenly(kind):
+    design = SweepDesign((parse_axis("a=10:20"), parse_axis("b=x,y")), kind, 64)
     points = [design.settings(n) for n in range(64)]
     a = np.array([float(point["a"]) for point in points])
-    # one in each of 64 cells: which random numbers do not promise
+    # one in each of 64 cells: what both promise, and random numbers do not
     assert sorted(np.floor((a - 10.0) * 6.4)) == list(range(64))
     assert sum(point["b"] == "x" for point in points) == 32
     assert points == [design.settings(n) for n in range(64)]
 
 
-def test_values_with_a_distribution_are_distributed_so():
-    design = SweepDesign((parse_axis("a=norm(1.3, 0.02)"), parse_axis("b=0:1")), 256)
+@pytest.mark.parametrize("kind", ["lhs", "sobol"])
+def test_values_with_a_distribution_are_distributed_so(kind):
+    design = SweepDesign((parse_axis("a=norm(1.3, 0.02)"), parse_axis("b=0:1")), kind, 256)
     a, b = np.array([list(map(float, design.settings(n).values())) for n in range(256)]).T
     # far below the 0.085 that 256 independent draws exceed in 5 % of all cases
     assert stats.kstest(a, stats.norm(1.3, 0.02).cdf).statistic < 0.01
@@ -66,7 +68,7 @@ def test_values_with_a_distribution_are_distributed_so():
 )  # fmt: skip
 def test_what_is_no_distribution_is_refused(text, words):
     with pytest.raises(InputError, match=re.escape(words)):
-        SweepDesign((parse_axis(text),), 8)
+        SweepDesign((parse_axis(text),), "lhs", 8)
 
 
 def test_a_number_is_read_back_to_the_last_digit():
@@ -75,12 +77,14 @@ def test_a_number_is_read_back_to_the_last_digit():
 
 
 @pytest.mark.parametrize(
-    ("samples", "axes"),
-    [(0, ["a=0:1"]), (-1, ["a=0:1"]), (5, []), (0, ["a=0,1", "a=2,3"]), (0, ["a=norm(1,2)"])],
-)
-def test_a_design_that_does_not_fit_is_refused(samples, axes):
+    ("kind", "samples", "axes"),
+    [("full", 0, ["a=0:1"]), ("full", 5, ["a=0,1"]), ("lhs", 0, ["a=0:1"]), ("lhs", 5, []),
+     ("grid", 0, []), ("full", 0, ["a=0,1", "a=2,3"]),
+     ("full", 0, ["a=norm(1,2)"])],
+)  # fmt: skip
+def test_a_design_that_does_not_fit_is_refused(kind, samples, axes):
     with pytest.raises(InputError, match="accepted"):
-        SweepDesign(tuple(parse_axis(text) for text in axes), samples)
+        SweepDesign(tuple(parse_axis(text) for text in axes), kind, samples)
 
 
 def test_values_of_python_are_values_of_settings():

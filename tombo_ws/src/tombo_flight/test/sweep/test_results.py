@@ -97,13 +97,22 @@ def test_reactions_are_compared_below_each_of_what_else_was_varied(results_of):
     }  # fmt: skip
 
 
-def test_drawn_settings_are_put_into_bins(results_of):
+def test_the_setting_that_decides_comes_first(results_of):
     axes = ("mission.approach_speed=0.5:1.5", "vehicle.mass=norm(1.3,0.02)")
-    count = 400
-    design = SweepDesign(tuple(parse_axis(text) for text in axes), count)
-    speeds = [float(design.settings(n)[design.axes[0].key]) for n in range(count)]
-    rows = [row(crashed=speed > 1.2) for speed in speeds]
-    found = results_of(rows, axes, 1, samples=count).results()
+    count, rng = 400, np.random.default_rng(1)
+    design = SweepDesign(tuple(parse_axis(text) for text in axes), "lhs", count)
+    speed = np.array([float(design.settings(n)[design.axes[0].key]) for n in range(count)])
+    rows = [
+        row(crashed=bool(v > 1.2), max_falling_distance_m=float(v + 0.1 * rng.normal()))
+        for v in speed
+    ]
+    flights = results_of(rows, axes, 1, kind="lhs", samples=count)
+    found = flights.results()
+    (first, second, *rest) = found["decides"]
+    assert first["key"] == second["key"] == "mission.approach_speed"
+    assert {first["figure"], second["figure"]} == {"crashed", "max_falling_distance_m"}
+    assert min(first["rho"], second["rho"]) > 0.7 and max(first["p"], second["p"]) < 1e-9
+    assert all(abs(other["rho"]) < 0.2 for other in rest)
     cells = [r for r in found["settings"] if r["key"] == "mission.approach_speed"]
     assert sum(r["flights"] for r in cells) == count
     assert (cells[0]["crash_rate"], cells[-1]["crash_rate"]) == (0.0, 1.0)

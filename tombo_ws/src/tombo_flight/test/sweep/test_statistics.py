@@ -1,4 +1,4 @@
-"""Rates and intervals are those of the textbooks' formulas."""
+"""Rates, intervals and correlations are those of the textbooks' formulas."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from tombo_flight.sweep.statistics import (
     SPREAD_METRICS,
     columns_of,
     flight_statistics,
+    rank_correlation,
     share_interval,
     spread,
 )
@@ -34,6 +35,20 @@ def test_the_interval_of_a_rate_is_that_of_clopper_and_pearson(count, of):
     exact = stats.binomtest(count, of).proportion_ci(0.95, "exact")
     assert share_interval(count, of) == pytest.approx((exact.low, exact.high), abs=1e-6)
     assert share_interval(0, 0) is None
+
+
+def test_a_rank_correlation_is_that_of_the_ranks_and_leaves_flights_without_a_figure_out():
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=200)
+    y = np.exp(x + rng.normal(size=200))
+    ranks = stats.rankdata(x), stats.rankdata(y)
+    found = rank_correlation(np.append(x, [np.nan, 1.0]), np.append(y, [1.0, np.nan]))
+    assert found["flights"] == 200
+    assert found["rho"] == pytest.approx(np.corrcoef(ranks)[0, 1])
+    t = found["rho"] * math.sqrt(198.0 / (1.0 - found["rho"] ** 2))
+    assert found["p"] == pytest.approx(2.0 * stats.t(198).sf(abs(t)))
+    assert rank_correlation(x, np.ones(200)) is None
+    assert rank_correlation(x[:2], y[:2]) is None
 
 
 def flight(**changes):

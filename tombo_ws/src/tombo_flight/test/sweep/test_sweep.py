@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import re
@@ -137,6 +138,36 @@ def test_a_sweep_killed_at_40_percent_gives_the_same_table(tmp_path, whole):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(
+    importlib.util.find_spec("distributed") is None, reason="Dask is not installed"
+)
+def test_dask_gives_the_same_table_even_if_a_worker_is_killed(tmp_path, whole):
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        victims = [worker.pid for worker in cluster.workers.values()]
+        told = []
+
+        def kill_one(kept, left_s):
+            if not told:
+                os.kill(victims[0], signal.SIGKILL)
+            told.append(kept)
+
+        table = flown(tmp_path / "s", scheduler=cluster.scheduler_address, progress=kill_one)
+
+    assert told
+    assert table.equals(whole[1])
+
+
+def test_without_dask_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"requirements-study\.txt"):
+        flown(tmp_path / "s", scheduler="tcp://127.0.0.1:1")
+
+
+@pytest.mark.slow
 def test_a_point_that_can_not_be_flown_is_a_row_that_says_why(tmp_path):
     axes = ("vehicle.arm_length=0.2,0.35", "vehicle.mass=1.2,4.0")
     table = flown(tmp_path / "s", study(range(1), axes)).to_pylist()
@@ -240,6 +271,6 @@ def test_a_policy_is_named_with_its_network_and_an_unknown_reaction_is_refused(t
 
 def test_points_of_a_drawn_design_have_seeds_of_their_own():
     axes = (parse_axis("vehicle.mass=norm(1.3,0.02)"),)
-    what = new_sweep("hover,no_obstacle", SweepDesign(axes, 4), range(10, 12), SHORT)
+    what = new_sweep("hover,no_obstacle", SweepDesign(axes, "lhs", 4), range(10, 12), SHORT)
     seeds = [what.place(flight)[1] for flight in range(what.flights)]
     assert seeds == 2 * list(range(10, 18))  # both cases meet the same noise

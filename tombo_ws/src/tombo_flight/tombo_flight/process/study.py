@@ -1,4 +1,4 @@
-"""Many flights: a study says what is flown at a point, processes fly it."""
+"""Many flights: a study says what is flown at a point, processes or a cluster fly it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from tombo_bag.flight import Flight
 from tombo_dynamics.errors import InputError
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.flight_output import warm_up_flight
-from tombo_flight.process.workers import process_count, run_in_processes
+from tombo_flight.process.workers import process_count, run_in_processes, run_on_cluster
 from tombo_flight.scenario import Scenario
 
 FlightRow = dict[str, Any]
 """What is kept of a flight; `error` says why one could not be flown."""
+_CLUSTER_WORKERS = 64
+"""Of a cluster, whose size may change: for so many the flights are divided."""
 _BATCHES = 24
 """Batches that each worker gets at least, so that all end at about the same time."""
 _LARGEST_BATCH = 64
@@ -96,6 +98,7 @@ def fly_tasks(
     keep: Callable[[Flown], None],
     *,
     workers: int | None = None,
+    scheduler: str | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> None:
     """Fly tasks of a study in batches, in any order.
@@ -106,22 +109,37 @@ def fly_tasks(
         count: number of tasks, or more.
         keep: called with the tasks of a batch and their rows, as soon as they are flown.
         workers: processes of this machine; the cores that this process may use if None.
+        scheduler: address of a Dask scheduler, in place of processes of this machine.
         stop: asked ten times a second; True ends it.
+
+    Raises:
+        InputError: the scheduler can't be reached, or has another version of the suite.
     """
     left = iter(tasks)
     first = next(left, None)
     if first is None:
         return
-    processes = min(process_count(workers), max(count, 1))
+    processes = _CLUSTER_WORKERS if scheduler else min(process_count(workers), max(count, 1))
     size = min(max(count // (_BATCHES * processes), 1), _LARGEST_BATCH)
     batches = _batches(chain([first], left), size)
-    with suppress(InputError):  # a flight that can't be flown says so in its row
-        warm_up_flight(study.scenario_at(first.point))  # once, not in each process
-    results = run_in_processes(
-        fly_batch, batches, processes, begin=begin_flying, given=(study,), stop=stop, copies=True
-    )
-    with closing(results):
-        for flown in results:
+    if scheduler is None:
+        with suppress(InputError):  # a flight that can't be flown says so in its row
+            warm_up_flight(study.scenario_at(first.point))  # once, not in each process
+        found = run_in_processes(
+            fly_batch,
+            batches,
+            processes,
+            begin=begin_flying,
+            given=(study,),
+            stop=stop,
+            copies=True,
+        )
+    else:
+        found = run_on_cluster(
+            scheduler, fly_batch, batches, begin=begin_flying, given=(study,), stop=stop
+        )
+    with closing(found):
+        for flown in found:
             keep(flown)
 
 

@@ -1,17 +1,28 @@
-"""The same work on many items, on processes that end with this one."""
+"""The same work on many items: on processes that end with this one, or on a Dask cluster."""
 
 from __future__ import annotations
 
+import asyncio
+import importlib.util
 import multiprocessing
 import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+import time
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from typing import Any, TypeVar
 
+from tombo_dynamics.errors import InputError
 from tombo_flight.own_files import import_files, imported_files
+from tombo_flight.version import tombo_version
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -110,3 +121,121 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+_AHEAD = 4
+"""Items handed out to each thread of the cluster in advance."""
+_ANSWERS_S = 4.0
+"""So long a scheduler may take to answer."""
+_CLUSTER_LOOK_S = 0.02
+_here = threading.local()
+
+
+def run_on_cluster(
+    address: str,
+    work: Callable[[_Item], _Result],
+    items: Iterable[_Item],
+    *,
+    begin: Callable[..., None],
+    given: tuple[Any, ...],
+    stop: Callable[[], bool] | None = None,
+) -> Generator[_Result, None, None]:
+    """Yield results as they come, in any order; another worker does what a lost one had.
+
+    Args:
+        address: of the scheduler.
+        work: what is done with each item; a function of a module.
+        items: the items; each costs the scheduler several milliseconds.
+        begin: called once in each thread of the workers with `given`.
+        given: arguments of `begin`.
+        stop: asked now and then; True ends it.
+
+    Raises:
+        InputError: the scheduler can't be reached, or has another version of the suite.
+    """
+    check_scheduler(address)
+    from distributed import Client, as_completed
+
+    with Client(address, timeout=_ANSWERS_S, set_as_default=False) as client:
+        told = (begin, given, tombo_version(), imported_files())
+        shared = client.scatter(told, broadcast=True)
+        left = iter(items)
+        waiting = as_completed(loop=client.loop)
+
+        def hand_out() -> None:
+            ahead = _AHEAD * max(sum(client.nthreads().values()), 1)
+            while waiting.count() < ahead and (item := next(left, _END)) is not _END:
+                waiting.add(client.submit(_on_worker, shared, work, item, pure=False))
+
+        hand_out()
+        while waiting.count() and not (stop is not None and stop()):
+            for future in waiting.next_batch(block=False) or _after(_CLUSTER_LOOK_S):
+                yield future.result()
+                future.release()
+            hand_out()
+
+
+def _on_worker(
+    told: tuple[Callable[..., None], tuple[Any, ...], str, tuple[tuple[str, str], ...]],
+    work: Callable[[_Item], _Result],
+    item: _Item,
+) -> _Result:
+    """Do the work on a worker.
+
+    Raises:
+        InputError: the worker has another version of the suite, or not the user's files.
+    """
+    begin, given, version, imports = told
+    if version != tombo_version():
+        raise InputError(f"--scheduler: a worker has tombo {tombo_version()}; accepted: {version}")
+    import_files(path for path, _ in imports)
+    if getattr(_here, "begun", None) != (begin, given):
+        begin(*given)
+        _here.begun = (begin, given)
+    return work(item)
+
+
+def check_scheduler(address: str) -> None:
+    """Ask for a Dask scheduler at an address; its client would wait half a minute for none.
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler answers.
+    """
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError(
+            f"--scheduler {address}: Dask is not installed; accepted: after "
+            "pip install -r requirements-study.txt"
+        )
+    with ThreadPoolExecutor(1) as other:  # this thread may have a loop of its own
+        problem = other.submit(asyncio.run, _problem_with(address)).result()
+    if problem:
+        raise InputError(
+            f"--scheduler {address}: it can't be reached ({problem}); accepted: the address of a "
+            "Dask scheduler, as in tcp://10.0.0.1:8786"
+        )
+
+
+async def _problem_with(address: str) -> str:
+    """Return why no Dask scheduler answers at an address; empty: one does."""
+    from distributed.comm.core import connect
+
+    async def ask() -> Any:
+        stream = await connect(address, timeout=_ANSWERS_S)
+        try:
+            await stream.write({"op": "identity", "reply": True})
+            return await stream.read()
+        finally:
+            stream.abort()
+
+    try:
+        answer = await asyncio.wait_for(ask(), _ANSWERS_S)
+    except (OSError, ValueError) as error:
+        return str(error) or f"no answer within {_ANSWERS_S:g} s"
+    kind = answer.get("type") if isinstance(answer, Mapping) else None
+    return "" if kind == "Scheduler" else f"it is no scheduler: {kind}"
+
+
+def _after(seconds: float) -> tuple[()]:
+    """Return nothing, after a while."""
+    time.sleep(seconds)
+    return ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,15 @@ from tombo_bag.topics import COLLISION_EVENT, MOCAP_POSE, TOPICS, TRUE_CONTACT
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.replay.cores import Inputs, through_cores
 from tombo_flight.replay.metrics import Context, metrics_of
-from tombo_flight.replay.outputs import NODES, SERIES, Outputs, outputs_of, read_outputs
+from tombo_flight.replay.outputs import (
+    NODES,
+    SERIES,
+    Outputs,
+    OutputSeries,
+    outputs_of,
+    read_outputs,
+)
+from tombo_flight.replay.prechecks import check_poses
 from tombo_flight.replay.recorded import (
     CLOCK_TOPICS,
     PoseTrack,
@@ -25,6 +34,9 @@ from tombo_flight.replay.recorded import (
     read_poses,
     scenario_of_bag,
 )
+
+_STATISTIC_ERROR = 1e-9
+"""Largest difference of a recorded statistic from filterpy's; relative above 1."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +107,8 @@ def replay_bag(path: Path, request: ReplayRequest) -> Replay:
             result.nodes[node] = {**metrics, **reported.get(node, {})}
             result.differences += [f"{node}: {text}" for text in differences]
         result.findings = inputs.findings
+        if "detector" in inputs.nodes and "statistic" in result.recorded.series:
+            _check_statistic(inputs, result.recorded.series["statistic"], result)
         result.damage = recording.damage
     result.seconds = time.perf_counter() - began
     return result
@@ -136,12 +150,43 @@ def _prepare(recording: Recording, request: ReplayRequest, result: Replay) -> In
     poses = PoseTrack.none()
     if pose_topic is not None and pose_topic in wanted:
         poses = _arranged(read_poses(recording, pose_topic), request)
+        findings += check_poses(poses, scenario.detector.gap_max)
     spans = [(s.first_ns, s.last_ns) for s in topics.values() if s.count and s.last_ns]
     if spans:
         extent = np.array([min(a for a, _ in spans), max(b for _, b in spans)])
         begin, end = recording.on_clock(extent).tolist()
         result.begin_ns, result.duration_s = begin, (end - begin) / 1e9
     return Inputs(recording, scenario, tuple(nodes), poses, findings)
+
+
+def _check_statistic(inputs: Inputs, recorded: OutputSeries, result: Replay) -> None:
+    """Compare the recorded statistic with that of filterpy's own filter; add what differs."""
+    from tombo_collision.reference_filter import reference_statistics  # filterpy takes 0.5 s
+
+    stamps_ns = inputs.poses.stamp_ns.tolist()
+    expected = reference_statistics(*inputs.stream(MOCAP_POSE.name), inputs.scenario.detector)
+    by_stamp = dict(zip(stamps_ns, expected.tolist(), strict=True))
+    # Of several poses with one stamp, it is not known which one a status belongs to.
+    unique = {stamp for stamp, count in Counter(stamps_ns).items() if count == 1}
+    rows = [
+        (stamp, value, by_stamp[stamp])
+        for stamp, (value,) in zip(
+            recorded.stamp_ns.tolist(), recorded.values.tolist(), strict=True
+        )
+        if stamp in unique
+    ]
+    differing = [
+        row for row in rows if not abs(row[1] - row[2]) <= _STATISTIC_ERROR * max(1.0, row[2])
+    ]
+    result.nodes["detector"]["filterpy"] = {"compared": len(rows), "differing": len(differing)}
+    if differing:
+        stamp, value, reference = differing[0]
+        result.findings.append(
+            f"the recorded statistic of {len(differing)} of {len(rows)} poses is not that of"
+            f" filterpy's filter, first {value:.9g} for {reference:.9g} at"
+            f" {1e-9 * (stamp - result.begin_ns):.3f} s: other parameters of the detector, poses"
+            " that were not recorded, or another detector"
+        )
 
 
 def _losses(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The points of a sweep: which settings are varied, over which values; all of them, or drawn."""
+"""The points of a sweep: which settings are varied, over which values, and in which design."""
 
 from __future__ import annotations
 
@@ -12,20 +12,22 @@ from typing import Any
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
+from tombo_dynamics.errors import InputError, unknown_name
 
+DESIGNS = ("full", "lhs", "sobol")
+"""Full factorial, Latin hypercube, Sobol sequence (scrambled)."""
 MOST_LEVELS = 10_000
 MOST_SAMPLES = 10_000_000
 _DRAW_SEED = 0
-"""Of drawn points: the same command has the same ones."""
+"""Of Latin hypercube and Sobol: the same command has the same points."""
 _SHARES = (1e-12, 1.0 - 1e-12)
 """Smallest and largest probability that is drawn: the quantiles of 0 and 1 may be infinite."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?")
 _DISTRIBUTION = re.compile(rf"([a-z_]\w*)\(\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*\)")
 _ACCEPTED = (
-    "accepted: KEY=A:B:STEP or KEY=V1,V2,..., as in vehicle.mass=1.1:1.7:0.1; with --samples N "
-    "also KEY=A:B and KEY=norm(1.3,0.02), a distribution of scipy.stats"
+    "accepted: KEY=A:B:STEP or KEY=V1,V2,..., as in vehicle.mass=1.1:1.7:0.1; with --design lhs "
+    "or sobol also KEY=A:B and KEY=norm(1.3,0.02), a distribution of scipy.stats"
 )
 
 
@@ -88,16 +90,20 @@ class SweepDesign:
     """The points of a sweep."""
 
     axes: tuple[Axis, ...] = ()
+    kind: str = "full"
+    """One of `DESIGNS`."""
     samples: int = 0
-    """Points that are drawn, by a Latin hypercube; 0: all combinations."""
+    """Points of a Latin hypercube or a Sobol sequence."""
 
     def __post_init__(self) -> None:
         """Refuse a design that has no points.
 
         Raises:
-            InputError: a key or a value twice, a range or a distribution without samples, no such
-                distribution, or samples that do not fit.
+            InputError: unknown kind, a key or a value twice, a range or a distribution in a full
+                design, no such distribution, or samples that do not fit.
         """
+        if self.kind not in DESIGNS:
+            raise unknown_name("--design", self.kind, DESIGNS)
         keys = [axis.key for axis in self.axes]
         for key in keys:
             if keys.count(key) > 1:
@@ -109,15 +115,20 @@ class SweepDesign:
                     raise InputError(f"{axis.key}: {level} is given twice; accepted: once")
             if axis.distribution:
                 _ = axis.frozen
-        if not self.samples:
+        if self.kind == "full":
+            if self.samples:
+                raise InputError("--samples: accepted: with --design lhs or sobol")
             for axis in self.axes:
                 if not axis.levels:
                     given = axis.distribution or f"{axis.low:g}:{axis.high:g}"
                     raise InputError(f"{axis.key}={given}: no levels; {_ACCEPTED}")
         elif not self.axes:
-            raise InputError(f"--samples {self.samples}: nothing is varied; {_ACCEPTED}")
+            raise InputError(f"--design {self.kind}: nothing is varied; {_ACCEPTED}")
         elif not 1 <= self.samples <= MOST_SAMPLES:
-            raise InputError(f"--samples {self.samples}: accepted: 1 to {MOST_SAMPLES}")
+            raise InputError(
+                f"--design {self.kind}: {self.samples} samples; accepted: --samples N, 1 to "
+                f"{MOST_SAMPLES}"
+            )
 
     @property
     def points(self) -> int:
@@ -129,7 +140,12 @@ class SweepDesign:
         """Shares from 0 to 1, (samples, axes)."""
         from scipy.stats import qmc
 
-        drawn = qmc.LatinHypercube(len(self.axes), seed=_DRAW_SEED).random(self.samples)
+        if self.kind == "lhs":
+            drawn = qmc.LatinHypercube(len(self.axes), seed=_DRAW_SEED).random(self.samples)
+        else:
+            power = math.ceil(math.log2(self.samples)) if self.samples > 1 else 0
+            sobol = qmc.Sobol(len(self.axes), seed=_DRAW_SEED)
+            drawn = sobol.random_base2(power)[: self.samples]
         shares: Array = np.clip(drawn, *_SHARES)
         return shares
 

@@ -20,6 +20,7 @@ def fly_sweep(
     opened: SweepFolder,
     *,
     workers: int | None = None,
+    scheduler: str | None = None,
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
     page: bool = True,
@@ -29,6 +30,7 @@ def fly_sweep(
     Args:
         opened: the folder.
         workers: processes of this machine; the cores that this process may use if None.
+        scheduler: address of a Dask scheduler, in place of processes of this machine.
         progress: told the progress.
         stop: asked now and then; True ends it, with what was flown on disk.
         page: make page and result, too.
@@ -37,6 +39,7 @@ def fly_sweep(
         The page; None: it was stopped, or there is none.
 
     Raises:
+        InputError: the scheduler can't be reached.
         OSError: the folder can't be written.
     """
     study, began, before = opened.study, time.monotonic(), opened.kept
@@ -47,7 +50,15 @@ def fly_sweep(
             rate = (opened.kept - before) / max(time.monotonic() - began, 1e-6)
             progress(opened.kept, (study.flights - opened.kept) / rate)
 
-    fly_tasks(study, opened.missing(), study.flights - before, keep, workers=workers, stop=stop)
+    fly_tasks(
+        study,
+        opened.missing(),
+        study.flights - before,
+        keep,
+        workers=workers,
+        scheduler=scheduler,
+        stop=stop,
+    )
     if opened.kept < study.flights:
         return None
     opened.finish()

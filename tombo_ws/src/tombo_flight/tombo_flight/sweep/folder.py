@@ -21,6 +21,7 @@ import numpy as np
 from tombo_dynamics.errors import InputError
 from tombo_flight.json_text import as_json
 from tombo_flight.process.output_folder import (
+    RESULT_FILES,
     make_numbered,
     make_parents,
     remove_empty,
@@ -186,7 +187,7 @@ class SweepFolder:
 
 @contextmanager
 def open_sweep(
-    folder: Path, study: SweepStudy, *, numbered: bool = False
+    folder: Path, study: SweepStudy, *, numbered: bool = False, again: bool = False
 ) -> Iterator[SweepFolder]:
     """Open the folder of a sweep: a new or empty one, or that of the same sweep, to go on with.
 
@@ -196,6 +197,7 @@ def open_sweep(
         folder: the folder; its parents are made as needed.
         study: what is flown.
         numbered: make a new folder, with a number behind its name where that is taken.
+        again: remove the results that are in the folder, of whatever was flown.
 
     Raises:
         InputError: something else is in it, or another process flies it.
@@ -222,7 +224,11 @@ def open_sweep(
             raise InputError(
                 f"-o {folder}: another process flies this sweep; accepted: another folder"
             ) from None
-        begun = _is_begun(folder, study)
+        if again:
+            for name in (*RESULT_FILES, HEAD, PAGE, TABLE):
+                (folder / name).unlink(missing_ok=True)
+            shutil.rmtree(folder / PARTS, ignore_errors=True)
+        begun = not again and _is_begun(folder, study)
         opened = SweepFolder(folder, study)
         try:
             if not begun:

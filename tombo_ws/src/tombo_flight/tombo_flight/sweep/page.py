@@ -1,4 +1,4 @@
-"""The page of a sweep: crash rates, tables, pictures, the worst flight in 3-D."""
+"""The page of a sweep: crash rates, what decides, tables, pictures, the worst flight in 3-D."""
 
 from __future__ import annotations
 
@@ -42,6 +42,7 @@ _MOST_ON_TERMINAL: Final = 60
 """Points that a terminal shows."""
 _FEW_COLUMNS: Final = (0, 1, 3, 5)
 """Of the table of points, for which a terminal has room; of ranges the median."""
+_DESIGNS: Final = {"full": "full factorial", "lhs": "Latin hypercube", "sobol": "Sobol sequence"}
 _CSS: Final = """
 header, main, footer { max-width: 1400px; }
 .points { font-size: 0.78rem; width: 100%; }
@@ -76,6 +77,7 @@ def sweep_page(opened: SweepFolder) -> Page:
         sections=[
             Section("All flights", _all_flights(results)),
             Section("Crash rate for each setting", _crash_rates(results)),
+            Section("What decides", _decides(results)),
             Section("Points", _points(results, range(len(HEAD) + 1)), "page"),
             Section("Points", _points_on_terminal(results), "terminal"),
             Section("Distributions", _distributions(flights, results)),
@@ -96,8 +98,8 @@ def _summary(study: SweepStudy, results: Result) -> str:
     else:
         varied = ", ".join(study.keys)
         seeds = f"{end - first} seeds each"
-        drawn = " drawn" if study.design.samples else ""
-        what = f"{study.points} points{drawn} over {varied}, {seeds}"
+        kind = _DESIGNS[study.design.kind]
+        what = f"{kind}: {study.points} points over {varied}, {seeds}"
     low, high = total["crash_rate_95"] or (0.0, 1.0)
     counts = ", ".join(f"{total[name]} {name}" for name in ("collided", "detected", "recovered"))
     return (
@@ -152,6 +154,20 @@ def _crash_rates(results: Result) -> list[Item]:
             rows.append(TableRow([row["value"], Cell(crashed_text(row), style, bar=rate or 0.0)]))
     note = "All flights with this setting, whatever else was varied; exact 95 % interval."
     return [Table(("setting", "crashed"), rows, note=note)] if rows else []
+
+
+def _decides(results: Result) -> list[Item]:
+    rows = [
+        (row["key"], row["figure"], f"{row['rho']:+.2f}", f"{row['p']:.2g}", str(row["flights"]))
+        for row in results["decides"]
+    ]
+    note = (
+        "Spearman's rank correlation of a setting with a figure, over all flights: +1 where the "
+        "figure always grows with the setting, 0 where neither grows with the other. p: "
+        "probability of one as strong where there is none."
+    )
+    head = ("setting", "figure", "rank correlation", "p", "flights")
+    return [Table(head, rows, note=note)] if rows else []
 
 
 def _points(results: Result, columns: range | tuple[int, ...]) -> list[Item]:

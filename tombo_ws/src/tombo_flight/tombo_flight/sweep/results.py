@@ -19,6 +19,7 @@ from tombo_flight.sweep.statistics import (
     Columns,
     crash_rate,
     flight_statistics,
+    rank_correlation,
 )
 from tombo_flight.sweep.study import CASE, REACTION
 
@@ -27,6 +28,8 @@ MOST_POINTS = 1000
 _MOST_LEVELS = 40
 """Values of a setting that are shown one by one; more are put together."""
 _BINS = 12
+_RANKED = ("crashed", "max_falling_distance_m", "recovery_time_s")
+"""Figures for which it is said what decides them."""
 Result = Mapping[str, Any]
 
 
@@ -78,8 +81,9 @@ class SweepFlights:
             scenario, seeds, flights, of_paper; `aggregate`: `flight_statistics` of all flights;
             `points`: of each point of a full design what is varied, the command of its first
             flight, and `flight_statistics`; `settings`: crash rate for each value of each setting;
-            `worst`: flight, seed, what is varied, command; `not_flown`: how many, and the reason
-            of the first; `outcome` in a line.
+            `decides`: rank correlation of each setting that is a number with figures; `worst`:
+            flight, seed, what is varied, command; `not_flown`: how many, and the reason of the
+            first; `outcome` in a line.
         """
         study, errors = self.study, self.errors
         first = min(errors, default=None)
@@ -96,6 +100,7 @@ class SweepFlights:
             "aggregate": aggregate,
             "points": self._points(),
             "settings": self._settings(),
+            "decides": self._decides(),
             "worst": self._worst(),
             "not_flown": {
                 "flights": len(errors), "first": first,
@@ -127,6 +132,18 @@ class SweepFlights:
                 **flight_statistics({name: of[inside] for name, of in self.columns.items()}),
             })  # fmt: skip
         return points
+
+    def _decides(self) -> list[dict[str, Any]]:
+        """Return the rank correlations, the strongest first."""
+        kinds = self.study.columns()
+        rows = [
+            {"key": key, "figure": figure, **found}
+            for key in self.study.keys
+            if kinds[key] == "number"
+            for figure in _RANKED
+            if (found := rank_correlation(self.columns[key], self.columns[figure])) is not None
+        ]
+        return sorted(rows, key=lambda row: -abs(row["rho"]))
 
     def _worst(self) -> dict[str, Any] | None:
         """Return the flight that crashed, of several the one that fell farthest; None: none."""

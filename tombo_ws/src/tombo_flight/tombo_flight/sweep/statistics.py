@@ -127,3 +127,18 @@ def flight_statistics(flights: Columns) -> dict[str, Any]:
 
 def _share(count: int, of: float) -> float | None:
     return round(count / of, 6) if of else None
+
+
+def rank_correlation(x: np.ndarray[Any, Any], y: np.ndarray[Any, Any]) -> dict[str, Any] | None:
+    """Return Spearman's rank correlation of two figures (N,), and its p-value.
+
+    Flights without one of the two (NaN) are left out; None: fewer than three have both, or one of
+    the two is the same in all.
+    """
+    both = ~(np.isnan(x) | np.isnan(y))
+    if both.sum() < 3 or np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
+        return None
+    from scipy.stats import spearmanr
+
+    result = spearmanr(x[both], y[both])
+    return {"flights": int(both.sum()), "rho": float(result.statistic), "p": float(result.pvalue)}

@@ -1,7 +1,8 @@
-"""`tombo fly`: one flight with all its files."""
+"""`tombo fly`: one flight with all its files, or many seeds with one table."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,8 @@ from tombo_bringup.cli.flight.optional_url import (
 from tombo_bringup.cli.options import command, option, record
 from tombo_bringup.cli.result_files import Place, new_run
 from tombo_bringup.cli.tables import show_page
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.params import SEED_LIMIT
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
@@ -35,13 +38,15 @@ EXIT_CODES = (
     "armed; 2 for bad input, a PX4 that can't be reached, or output that can't be written; 130 "
     "after Ctrl-C, 143 after SIGTERM, with what was flown so far in the folder."
 )
+_MOST_FLIGHTS = 100_000
 _RULES = (
+    options.OptionRule("--seed {seed} and --seeds {seeds}", "seed", (), ("seeds",), "one of them"),
     PX4_SPEED,
     options.OptionRule("--speed {speed:g}", "speed", ("nodes",)),
     options.OptionRule("--lockstep", "lockstep", ("nodes",), ("speed",)),
     options.OptionRule("--domain {domain}", "domain", ("nodes", "px4")),
-    options.OptionRule("--nodes", "nodes", (), ("no_record",)),
-    options.OptionRule("--px4", "px4", (), ("nodes", "no_record")),
+    options.OptionRule("--nodes", "nodes", (), ("seeds", "no_record")),
+    options.OptionRule("--px4", "px4", (), ("nodes", "seeds", "no_record")),
     *PX4_RULES,
 )
 
@@ -64,7 +69,9 @@ class _Fly:
 def fly(
     scene: options.Scene,
     draw: options.Draw,
+    several: options.Seeds,
     variation: options.Variation,
+    propeller: options.Propeller,
     px4: Px4Options,
     pace: options.Pace,
     domain: options.Domain,
@@ -74,19 +81,25 @@ def fly(
 ) -> None:
     """Fly a scenario and write flight.mcap, summary.json, scenario.yaml, flight.png, report.html.
 
-    Many flights: tombo sweep.
+    With --seeds: flights.parquet, sweep.html and sweep.json, as `tombo sweep` of nothing but
+    seeds. Killed, the same command with -o DIR goes on.
     """
     from tombo_flight.scenario import load_scenario, scenario_warnings
 
-    options.check_options(_RULES, variation, px4, pace, domain, more, px4_url=px4.url)
-    seed, changes = draw.seed or 0, variation.changes
-    chosen = load_scenario(scene.scenario, changes, variation.model, variation.vehicle)
+    many = None if several.seeds is None else parse_seeds(several.seeds)
+    options.check_options(
+        _RULES, draw, several, variation, px4, pace, domain, more, px4_url=px4.url
+    )
+    seed, scenario = draw.seed or 0, scene.scenario
+    fixed = [*variation.changes, *_propeller(propeller)]
+    chosen = load_scenario(scenario, fixed, variation.model, variation.vehicle)
     print_warnings(scenario_warnings(chosen))
-    by = "-px4" if px4.px4 is not None else "-nodes" if more.nodes else ""
+    rest = f"{many.start}-{many.stop}" if many else str(seed)
+    rest += "-px4" if px4.px4 is not None else "-nodes" if more.nodes else ""
     if place.output is not None:
         folder = Place(Path(place.output), replace=force.force)
     else:
-        folder = new_run(chosen.name, f"{seed}{by}", changes, variation.vehicle)
+        folder = new_run(chosen.name, rest, fixed, variation.vehicle)
     if more.nodes or px4.px4 is not None:
         from tombo_bringup.cli.flight.fly_nodes import fly_nodes
 
@@ -101,9 +114,49 @@ def fly(
             px4=px4.connection(),
             yes=px4.yes,
         )
-    else:
+    elif many is None:
         code = _fly_one(chosen, seed, folder, not more.no_record, place.as_json)
+    else:
+        from tombo_bringup.cli.result_files import run_sweep
+        from tombo_flight.sweep.design import SweepDesign
+        from tombo_flight.sweep.study import new_sweep
+
+        model, vehicle = variation.model, variation.vehicle
+        study = new_sweep(scenario, SweepDesign(), many, fixed, model, vehicle)
+        run_sweep(study, folder, place.as_json)
+        code = 0
     raise typer.Exit(code)
+
+
+def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
+    """Return the seeds that `A:B` means: A to B-1, `most` of them at most.
+
+    Raises:
+        InputError: not of this form, none, or too many.
+    """
+    accepted = f"accepted: A:B with 0 <= A < B, at most {most} flights, as in 0:100"
+    found = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
+    if found is None:
+        raise InputError(f"--seeds {text}: not of the form A:B; {accepted}")
+    first, end = int(found[1]), int(found[2])
+    if first >= end:
+        raise InputError(f"--seeds {text}: no seed at all; {accepted}")
+    if end - first > most or end > SEED_LIMIT:
+        raise InputError(f"--seeds {text}: too many; {accepted}")
+    return range(first, end)
+
+
+def _propeller(propeller: options.Propeller) -> list[str]:
+    """Return the settings that --conf and --law mean; they win over --set.
+
+    Raises:
+        InputError: there is no such configuration.
+    """
+    conf, law = propeller.conf, propeller.law
+    if conf is not None and not 0 <= conf <= 13:
+        raise InputError(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
+    options = [] if conf is None else [f"propeller.conf={conf}"]
+    return options if law is None else [*options, f"propeller.law={law}"]
 
 
 @contextmanager
