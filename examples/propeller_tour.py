@@ -9,30 +9,21 @@ import sys
 import numpy as np
 from matplotlib.figure import Figure
 
-from tombo_dynamics.propeller import (
-    RPM,
-    configuration,
-    evaluate,
-    speed_for_thrust,
-    sweep,
-    thrust_peak,
-    with_nodus,
-)
+from tombo_dynamics.propeller import RPM, evaluate, thrust_peak
 
 # %% One operating point: configuration 13 of the paper at 2000 rpm
 point = evaluate(13, 2000 * RPM)
 print(f"thrust {point.thrust_N:.3f} N, twist {np.degrees(point.gamma_rad):.2f} deg")
 
-# %% A grid: three configurations over speed, on a warm and on a cold day
-grid = sweep([1, 9, 13], np.linspace(0, 9000, 91) * RPM, air_density_kg_m3=[1.1, 1.3])
-print(grid, *(f"{name}: {len(values)}" for name, values in grid.axes.items()))
-columns = grid.table()  # pandas.DataFrame(columns), or grid.csv() as text for a file
-print(", ".join(columns))
+# %% A grid: speeds on a warm and on a cold day; shapes broadcast as numpy's do
+speeds = np.linspace(0, 9000, 91) * RPM
+grid = evaluate(13, speeds, air_density_kg_m3=[[1.1], [1.3]])
+print(grid, ", ".join(grid.table()))  # pandas.DataFrame(grid.table())
 
-# %% A propeller of one's own, and what speed lifts 1.2 kg with four of it
-own = with_nodus(configuration(13), fibres=8, length_mm=10.0, name="short and stiff")
-hover = speed_for_thrust([configuration(13), own], 1.2 * 9.81 / 4)
-print("hover:", *(f"{speed:.0f} rpm" for speed in hover / RPM))
+# %% Another nodus, and which speed lifts 1.2 kg with four such propellers
+for length in (12.0, 10.0):
+    thrust = evaluate(13, speeds, length_mm=length).thrust_N
+    print(f"{length:g} mm, hover: {np.interp(1.2 * 9.81 / 4, thrust, speeds) / RPM:.0f} rpm")
 
 # %% A million propellers in one call: nodus length and fibres at random, thrust where it is valid
 rng = np.random.default_rng(0)

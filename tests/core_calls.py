@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from tombo_collision.detector import DetectorMemory, begin_detector, detect, set_triggers
 from tombo_collision.params import DetectorParams
 from tombo_control.controller_core import ControllerCore
-from tombo_control.estimate import StampedEstimate
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.mission_core import MissionCore
 from tombo_dynamics.core import Core
@@ -40,6 +40,20 @@ def reported(core: Core, topic: str, message: Any, now_ns: int) -> list[str]:
     core.health.take_events()
     core.on(topic, message, now_ns)
     return [key for key, _ in core.health.take_events()]
+
+
+@dataclass(frozen=True)
+class StampedEstimate:
+    """State of the vehicle at the capture of a gyro sample; map, base_link, SI, xyzw."""
+
+    stamp_ns: int
+    position: Array
+    velocity: Array
+    attitude: Array
+    rates: Array
+    gyro_bias: Array
+    accel_bias: Array
+    pose_stamp_ns: int
 
 
 class Estimator(EstimatorCore):
@@ -86,7 +100,7 @@ class Command(NamedTuple):
     attitude_ran: bool
     blind: bool
     """Levels and descends: the position is not known."""
-    held: bool
+    setpoint_late: bool
     """Holds the last set point: none is coming."""
 
 
@@ -113,7 +127,9 @@ class Controller(ControllerCore):
             return None
         memory, speed = self.memory, published["/rotor_command"].speed
         ran = "/attitude_setpoint" in published, "/rates_setpoint" in published
-        return Command(stamp_ns, speed, *ran, "blind" in self.health.faults, bool(memory.held))
+        return Command(
+            stamp_ns, speed, *ran, "blind" in self.health.faults, bool(memory.setpoint_late)
+        )
 
 
 class Mission(MissionCore):

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core_calls import Command, Controller, Estimator
-from tombo_control.estimate import StampedEstimate
+from core_calls import Command, Controller, Estimator, StampedEstimate
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.planning import mission as plan
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile

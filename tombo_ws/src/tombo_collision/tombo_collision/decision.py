@@ -1,4 +1,4 @@
-"""What a reaction has decided: where to go after a collision, and on which way."""
+"""The decision of a reaction: where to go after a collision, and on which way."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import yaw_of
-from tombo_dynamics.vectors import AnyVector
+from tombo_dynamics.vectors import AnyVector, norm, subtract
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Reference:
 
 @dataclass
 class Decision:
-    """What a reaction decides on a collision: x_r at once, until the mission flies there."""
+    """The answer to a collision: hold x_r at once, until the mission flies there."""
 
     x_c: Array
     """(3) base_link at contact, map [m]."""
@@ -56,25 +56,24 @@ class Decision:
 
 _VERTICAL = 0.2
 """A flight with less of its direction across is nearly vertical."""
-_NEAR, _SLOW, _CALM = 0.15, 0.2, 0.5
+_SETTLED_M, _SETTLED_M_S, _SETTLED_RAD_S = 0.15, 0.2, 0.5
 """m, m/s, rad/s: nearer to x_r, slower and turning slower than that, the vehicle has arrived."""
 
 
 @compiled(inline=False)
 def turns(rates: Array) -> bool:
     """Return whether a vehicle with body rates (3) [rad/s] turns about its z axis."""
-    return bool(abs(rates[2]) > _CALM)
+    return bool(abs(rates[2]) > _SETTLED_RAD_S)
 
 
 @compiled(inline=False)
 def at_rest(position: Array, velocity: AnyVector, rates: Array, x_r: Array) -> bool:
     """Return whether a vehicle has arrived at x_r; all (3), map, the rates base_link."""
-    off = speed = turning = 0.0
-    for i in range(3):
-        off += (position[i] - x_r[i]) ** 2
-        speed += velocity[i] ** 2
-        turning += rates[i] ** 2
-    return bool(math.sqrt(off) < _NEAR and math.sqrt(speed) < _SLOW and math.sqrt(turning) < _CALM)
+    return bool(
+        norm(subtract(position, x_r)) < _SETTLED_M
+        and norm(velocity) < _SETTLED_M_S
+        and norm(rates) < _SETTLED_RAD_S
+    )
 
 
 @dataclass
@@ -85,7 +84,7 @@ class Guided(Decision):
     """
 
     timeout: float
-    """So long after the decision it is over in any case [s]."""
+    """Time after the decision at which it ends in any case [s]."""
     yaw: float
     """The heading asked for [rad]."""
 
@@ -94,7 +93,7 @@ class Guided(Decision):
         return self.x_r, np.zeros(3), np.zeros(3)
 
     def reference(self, time_s: float, estimate: Estimate) -> Reference:
-        """Return the set point so long after the decision; asked at 50 Hz."""
+        """Return the set point at `time_s` after the decision; called at 50 Hz."""
         if turns(estimate.rates):
             self.yaw = yaw_of(estimate.attitude)
         return Reference(*self.motion(time_s, estimate), self.yaw)
@@ -112,7 +111,7 @@ _NOT_UNIT = 0.01
 
 
 def check_decision(decision: object, contact: Array, near: float) -> None:
-    """Refuse what is no decision on a collision.
+    """Raise if the decision on a collision is invalid.
 
     Args:
         decision: what `begin` has returned, not None.
@@ -132,7 +131,7 @@ def check_decision(decision: object, contact: Array, near: float) -> None:
 
 
 def check_reference(reference: object, x_c: Array) -> None:
-    """Refuse what is no reference of a decision with x_c (3) [m].
+    """Raise if the reference of a decision with x_c (3) [m] is invalid.
 
     Raises:
         InputError: it is none, or has a value that no vehicle is to fly to.

@@ -20,6 +20,7 @@ from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotation_vector
+from tombo_dynamics.vectors import ZERO, norm, scale, subtract
 from tombo_dynamics.vehicle import GRAVITY
 
 _TRACK_TIME = 0.5
@@ -78,7 +79,7 @@ class DetectorMemory(Record):
     ground = field("m", "height of the first pose, or of the floor; NaN before")
     last = field("", "last sample used", kind=StampedPose)
     period = field("s", "between the last two samples that followed each other")
-    jumps = field("1", "samples on end that have jumped", kind=int)
+    jumps = field("1", "consecutive samples that have jumped", kind=int)
     jumped = field("", "the last of them", kind=StampedPose)
     holdoff_until = field("s", "no event before")
     inside = field("1", "in the known region", kind=bool)
@@ -124,8 +125,7 @@ def _append_to_track(memory: DetectorMemory, stamp_s: float, position: Array, st
     memory.track_length += 1
     entry = memory.track[_track_index(memory, -1)]
     entry.stamp_s = stamp_s
-    for i in range(3):
-        entry.position[i] = position[i]
+    entry.position = position
     oldest = stamp_s - _TRACK_TIME - 0.5 * step
     while memory.track_length > 1 and memory.track[_track_index(memory, 0)].stamp_s < oldest:
         memory.track_begin += 1
@@ -142,12 +142,11 @@ def detect(
 ) -> PoseRefusal:
     """Take a pose captured at `stamp_s` [s]; return why it is not used, a `PoseRefusal`.
 
-    A sample that is not finite, not newer than the last one, or has jumped to where no strike
-    could have put the vehicle, is refused: it changes nothing. After three samples that agree on
-    a new position, the filter starts again; so it does where stamps are further apart than
-    `gap_max`, either way. But if that sample is where the vehicle would be a period later, a
-    clock was set, and the filter goes on: such a sample raises no alarm, the next one may. So it
-    is where the way that was made is that of some periods, but the step is none.
+    A sample that is not finite, not newer than the last one, or out of reach of a strike is
+    refused: it changes nothing. The filter starts again after three samples that agree on a new
+    position, and where stamps are more than `gap_max` apart. A clock was set if such a sample is
+    where the vehicle would be a period later, or if the distance fits some periods and the step
+    does not. The filter then continues: this sample raises no alarm, the next one may.
 
     Args:
         memory: of the detector.
@@ -223,10 +222,8 @@ def _refuse(memory: DetectorMemory, reason: PoseRefusal) -> PoseRefusal:
 @compiled(inline=False)
 def _keep_pose(pose: Any, stamp_s: float, position: Array, attitude: Array) -> None:
     pose.stamp_s = stamp_s
-    for i in range(3):
-        pose.position[i] = position[i]
-    for i in range(4):
-        pose.attitude[i] = attitude[i]
+    pose.position = position
+    pose.attitude = attitude
 
 
 @compiled(inline=False)
@@ -292,8 +289,7 @@ def _is_reachable(
         attitude: (4) of the pose.
         step: time between the two.
     """
-    vx, vy, vz = memory.velocity[0], memory.velocity[1], memory.velocity[2]
-    speed = math.sqrt(vx * vx + vy * vy + vz * vz)
+    speed = norm(memory.velocity)
     distance = _distance_off(memory, place, position, step)
     a = 0.0
     b = 0.0
@@ -315,19 +311,14 @@ def _is_reachable(
 @compiled(inline=False)
 def _distance_off(memory: DetectorMemory, place: Array, position: Array, step: float) -> float:
     """Return how far a position is from where the filter's velocity leads from a place [m]."""
-    dx = position[0] - place[0] - memory.velocity[0] * step
-    dy = position[1] - place[1] - memory.velocity[1] * step
-    dz = position[2] - place[2] - memory.velocity[2] * step
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
+    return norm(subtract(subtract(position, place), scale(step, memory.velocity)))
 
 
 @compiled(inline=False)
 def _restart(memory: DetectorMemory, position: Array) -> None:
     """Begin the filter at a position."""
     _put_filter(memory, position, 1.0)
-    for i in range(3):
-        memory.velocity[i] = 0.0
-        memory.rates[i] = 0.0
+    memory.velocity = memory.rates = ZERO
     memory.follows = True
     memory.samples = 0
     memory.track_length = 0
@@ -392,34 +383,37 @@ def _predict_and_update(
     half = 0.5 * step * step
     statistic = 0.0
     for i in range(3):
+        # position and velocity of an axis: x <- F x, P <- F P F' + Q, then K = P H' / S
         size = params.acceleration_z if i == 2 else params.acceleration_xy
-        spread = size * size
+        q = size * size
         x = memory.position[i] + step * memory.velocity[i] + half * push[i]
         v = memory.velocity[i] + step * push[i]
-        a, b, c = memory.covariance[i, 0], memory.covariance[i, 1], memory.covariance[i, 2]
-        a += 2.0 * step * b + step * step * c + spread * half * half
-        b += step * c + spread * half * step
-        c += spread * step * step
-        error = position[i] - x
-        total = a + params.position_noise * params.position_noise
-        gain_x, gain_v = a / total, b / total
-        memory.position[i] = x + gain_x * error
-        memory.velocity[i] = v + gain_v * error
-        memory.covariance[i, 0] = a - gain_x * a
-        memory.covariance[i, 1] = b - gain_x * b
-        memory.covariance[i, 2] = c - gain_v * b
-        memory.position_residual[i] = error
-        statistic += error * error / total
+        P = memory.covariance[i]
+        P_xx, P_xv, P_vv = P[0], P[1], P[2]
+        P_xx += 2.0 * step * P_xv + step * step * P_vv + q * half * half
+        P_xv += step * P_vv + q * half * step
+        P_vv += q * step * step
+        y = position[i] - x
+        S = P_xx + params.position_noise * params.position_noise
+        K_x, K_v = P_xx / S, P_xv / S
+        memory.position[i] = x + K_x * y
+        memory.velocity[i] = v + K_v * y
+        P[0] = P_xx - K_x * P_xx
+        P[1] = P_xv - K_x * P_xv
+        P[2] = P_vv - K_v * P_xv
+        memory.position_residual[i] = y
+        statistic += y * y / S
 
+        # body rate of an axis: a random walk
         jerk = (params.yaw_acceleration if i == 2 else params.tilt_acceleration) * step
-        variance = memory.rate_variance[i] + jerk * jerk
-        error = turn[i] / step - memory.rates[i]
-        total = variance + rate_noise * rate_noise
-        gain = variance / total
-        memory.rates[i] += gain * error
-        memory.rate_variance[i] = variance - gain * variance
-        memory.rate_residual[i] = error
-        statistic += error * error / total
+        P_w = memory.rate_variance[i] + jerk * jerk
+        y = turn[i] / step - memory.rates[i]
+        S = P_w + rate_noise * rate_noise
+        K = P_w / S
+        memory.rates[i] += K * y
+        memory.rate_variance[i] = P_w - K * P_w
+        memory.rate_residual[i] = y
+        statistic += y * y / S
     memory.samples += 1
     memory.statistic = statistic if memory.samples > WARM_UP_SAMPLES else 0.0
 
@@ -437,7 +431,7 @@ def free_acceleration(before: Array, after: Array) -> tuple[float, float]:
     sign = -1.0 if x0 * x + y0 * y + z0 * z + w0 * w < 0.0 else 1.0
     mx, my, mz, mw = x + sign * x0, y + sign * y0, z + sign * z0, w + sign * w0
     level, tilted = mw * mw + mz * mz, mx * mx + my * my
-    # beyond 57 deg of tilt it is no free flight: limited, and upside down no division by 0
+    # a free flight tilts by less than 57 deg; the limit also avoids a division by 0 upside down
     upright = max(level - tilted, 0.3 * level, 0.1 * (level + tilted))
     ax = GRAVITY * 2.0 * (mx * mz + mw * my) / upright
     return ax, GRAVITY * 2.0 * (my * mz - mw * mx) / upright
@@ -497,8 +491,7 @@ def _fill_event(
     memory.count += 1
     memory.trigger = trigger
     memory.contact_s = stamp_s
-    for i in range(3):
-        memory.x_c[i] = position[i]
+    memory.x_c = position
     if trigger == 2 and memory.track_length > 0:
         first = memory.track[_track_index(memory, 0)]
         before = memory.track[_track_index(memory, -1)]
@@ -517,6 +510,6 @@ def _fill_event(
             x, y, z = x / size, y / size, z / size
         else:
             x, y, z = 1.0, 0.0, 0.0
-    memory.direction[0], memory.direction[1], memory.direction[2] = x, y, z
+    memory.direction = (x, y, z)
     excess = 0.5 * (memory.statistic - params.threshold)
     memory.confidence = 1.0 / (1.0 + math.exp(-min(max(excess, -30.0), 30.0)))

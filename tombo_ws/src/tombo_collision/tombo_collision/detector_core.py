@@ -174,7 +174,7 @@ class DetectorCore(Core):
             health.report_event("mocap_late", "poses come more than 0.1 s after their capture")
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
-        """Return what the poses since the last step gave."""
+        """Return the messages of the poses since the last step."""
         silent = self._pose_ns is not None and now_ns - self._pose_ns > _SILENT_NS
         self.health.fault("mocap_silent", silent, "no mocap poses: no collision can be seen")
         return super().step(now_ns)

@@ -1,4 +1,4 @@
-"""The detector as a node: mocap poses in, collisions out, and what it made of each pose."""
+"""The detector as a node: mocap poses in; collisions and a status of each pose out."""
 
 from __future__ import annotations
 

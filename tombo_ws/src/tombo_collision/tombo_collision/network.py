@@ -35,7 +35,7 @@ def read_network(name: str, value: object) -> Network | None:
         value: a file's path, the layers, or none: None or an empty text.
 
     Raises:
-        InputError: the file can't be read, or is no network of the policy's size.
+        InputError: the file can't be read, or is not a network of the policy's size.
     """
     if value is None or value == "":
         return None

@@ -226,7 +226,7 @@ def reference_due(memory: ReactionMemory, now_ns: int) -> bool:
 
 @compiled(inline=False)
 def _recovery_mode(memory: ReactionMemory) -> RecoveryMode:
-    """Return what the controller is asked to do, a `RecoveryMode`."""
+    """Return the `RecoveryMode` for the controller."""
     phase = memory.mission.phase
     if not memory.recovers or phase == Phase.IDLE or phase >= Phase.LAND:
         return RecoveryMode.OFF
@@ -533,7 +533,7 @@ class ReactionCore(Core):
         """Take limits ("inputs"), a reaction's parameters, or which one ("reaction").
 
         Raises:
-            InputError: there is no reaction of this name.
+            InputError: the name of the reaction is unknown.
         """
         if section == "inputs":
             self.limits = parameter_record(params)

@@ -1,4 +1,4 @@
-"""What the reaction remembers, why it holds, and why a collision is not reacted to."""
+"""Memory of the reaction, and its reasons to hold or to ignore a collision."""
 
 from __future__ import annotations
 

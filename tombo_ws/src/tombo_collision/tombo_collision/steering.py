@@ -1,4 +1,4 @@
-"""What a policy sees of a recovery and what it moves: one observation, one mapping of actions.
+"""Observation and action of a policy in a recovery: one observation, one mapping of actions.
 
 The reaction `policy` and the training environment run the same compiled functions, so that a
 policy flies in both to the last bit alike. Frame of the policy: its x along n_r in the plane,

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from control_bench import VEHICLE, rotor_table
 
-from core_calls import Command, Controller
+from core_calls import Command, Controller, StampedEstimate
 from lockstep_bench import Lockstep, calm, hover_at, odometry_of
 from tombo_control.controller_core import reset_inputs
-from tombo_control.estimate import StampedEstimate
 from tombo_control.params import ControlParams, InputLimits
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Imu, Phase
@@ -138,7 +137,7 @@ def test_a_hovering_vehicle_gets_hover_speed_stamped_with_its_gyro_sample(bench:
     assert np.allclose(command.speed, bench.hover, rtol=0.02)
     assert command.stamp_ns == bench.now_ns
     assert not command.blind
-    assert not command.held
+    assert not command.setpoint_late
 
 
 # --- set points
@@ -197,7 +196,7 @@ def test_a_set_point_that_is_not_finite_is_refused_and_is_no_sign_of_life(
     for _ in range(400):
         bench.setpoint(**wrong)
         command = bench.run(1, setpoint=False)
-    assert command.held
+    assert command.setpoint_late
 
 
 @pytest.mark.slow
@@ -210,14 +209,14 @@ def test_without_set_points_it_holds_the_last_one_and_follows_those_that_come(
     last = hover_at(flight.simulator.tick * 1e-3 - begin, 0.0, 2.0)
     flight.steer = lambda _: None
     flight.fly(0.25)
-    assert not flight.command.held
+    assert not flight.command.setpoint_late
     rows = flight.fly(5.0)
-    assert flight.command.held
+    assert flight.command.setpoint_late
     assert np.linalg.norm(flight.position - last.position) < 0.1
     assert np.linalg.norm(rows[-1, 3:6]) < 0.1
     flight.steer = lambda _: hover_at(3.5, 0.0, 2.0)
     flight.fly(4.0)
-    assert not flight.command.held
+    assert not flight.command.setpoint_late
     assert abs(flight.position[0] - 3.5) < 0.1
 
 
@@ -310,9 +309,9 @@ def test_the_time_limits_are_parameters(bench: _Bench) -> None:
     limits = InputLimits(odometry_timeout=3.0, setpoint_timeout=2.0)
     bench.controller.set_params("inputs", limits)
     command = bench.run(1900, estimate=False, pose=False, setpoint=False)
-    assert not command.held
+    assert not command.setpoint_late
     assert not command.blind
-    assert bench.run(200, estimate=False, pose=False, setpoint=False).held
+    assert bench.run(200, estimate=False, pose=False, setpoint=False).setpoint_late
     assert bench.run(1000, estimate=False, pose=False, setpoint=False).blind
 
 
@@ -353,9 +352,9 @@ def test_a_clock_set_back_is_followed_and_silence_is_still_noticed(bench: _Bench
     assert bench.run(40, estimate=False).blind, "estimates of the clock before are not fresh"
     assert bench.run(160).blind
     assert not bench.run(200).blind, "it is trusted after 0.3 s"
-    assert bench.run(400, setpoint=False).held
+    assert bench.run(400, setpoint=False).setpoint_late
     bench.tick -= 40_000
-    assert bench.run(400, setpoint=False).held
+    assert bench.run(400, setpoint=False).setpoint_late
 
 
 def test_what_is_forgotten_lifts_no_vehicle_off(bench: _Bench) -> None:

@@ -9,14 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from control_bench import VEHICLE, bench, rotor_table
+from loop_analysis import Margins, cascade_margins, margins, open_loops, yaw_drive
 
-from tombo_control.loops.loop_analysis import (
-    Margins,
-    cascade_margins,
-    margins,
-    open_loops,
-    yaw_drive,
-)
 from tombo_control.params import ControlParams
 from tombo_control.recovery.params import RecoveryParams
 

@@ -4,8 +4,8 @@ import dataclasses
 import math
 
 import pytest
+from loop_analysis import cascade_margins
 
-from tombo_control.loops.loop_analysis import cascade_margins
 from tombo_control.loops.loop_design import gains_for
 from tombo_control.params import ControlParams
 from tombo_dynamics.params import validate

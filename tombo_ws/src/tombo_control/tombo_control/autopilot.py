@@ -39,7 +39,7 @@ class PoseAtTick(Record):
 
 
 class Setpoint(Record):
-    """What is asked for at each level of the cascade, from the reference down to the rotors."""
+    """Set points of each level of the cascade, from the reference down to the rotors."""
 
     position = field("m", "in map", 3)
     velocity = field("m/s", "feed-forward; the position loop adds its share and limits it; map", 3)
@@ -55,7 +55,7 @@ class Setpoint(Record):
 
 
 class LoopMemory(Record):
-    """What the loops of the cascade remember from run to run."""
+    """Memory of the loops of the cascade."""
 
     velocity_integral = field("m/s^2", "acceleration of the velocity integral, in map", 3)
     previous_velocity = field("m/s", "at the last run of the position loop, in map", 3)
@@ -73,7 +73,7 @@ class LoopMemory(Record):
 
 
 class Recovery(Record):
-    """What the cascade knows of folded rotors, and the gains that it flies with them."""
+    """State of folded rotors, and the gains for them."""
 
     active = field("1", "the cascade flies with these gains and limits", kind=bool)
     gains = field("", "in place of the cascade's", kind=ControlParams)
@@ -93,7 +93,7 @@ class Autopilot(Record):
                     HISTORY_TICKS, PoseAtTick)  # fmt: skip
     mocap_time = field("s", "capture of the last mocap sample used")
     leg = field("", "the reference to fly", kind=LegRecord)
-    setpoint = field("", "what the cascade asks for", kind=Setpoint)
+    setpoint = field("", "set points of the cascade", kind=Setpoint)
     loops = field("", "what the cascade remembers", kind=LoopMemory)
     mode_asked = field("1", "mode asked for", kind=int)
     mode_flown = field("1", "mode flown: the one asked for, or BLIND", kind=int)

@@ -14,8 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tombo_control.autopilot import Autopilot, new_autopilot
-from tombo_control.estimate import nearest_tick
-from tombo_control.estimator import correct_with_estimate, integrate_force
+from tombo_control.estimator import correct_with_estimate, integrate_force, nearest_tick
 from tombo_control.loops.cascade import control_tick, stop_rotors
 from tombo_control.params import (
     ATTITUDE_TICKS,
@@ -36,7 +35,7 @@ from tombo_control.safety.watch import (
     begin_in_flight,
     begin_watch,
     rotors_off,
-    watch_flight,
+    update_safety_state,
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, START_GRACE_NS, Compiled, Core, Output
@@ -98,7 +97,7 @@ class ControllerMemory(Record):
     blind = field("1", "the position is not known", kind=bool)
     position_ran = field("1", "in the last tick, as the next ones", kind=bool)
     attitude_ran = field("1", "the attitude loop ran", kind=bool)
-    held = field("1", "holds the last set point: none is coming", kind=bool)
+    setpoint_late = field("1", "holds the last set point: none is coming", kind=bool)
     watch = field("", "which state it is in, and why", kind=Watch)
     contact = field("", "the contact trigger", kind=ContactWatch)
     event = field("", "the last contact", kind=CollisionEventRecord)
@@ -273,7 +272,7 @@ def _run_loops(
     elif ticks <= 0:
         return False
     memory.tick = tick
-    _judge(memory, autopilot, limits, imu, now_ns, ticks)
+    update_safety_inputs(memory, autopilot, limits, imu, now_ns, ticks)
     memory.attitude_ran = False
     flies = memory.watch.state == SafetyState.FLY
     watch_contact(memory.contact, autopilot.state, autopilot.nominal, gyro, accel, tick, flies)
@@ -281,7 +280,7 @@ def _run_loops(
         fill_event(memory.contact, imu.stamp_ns, memory.event)
     if rotors_off(memory.watch):
         memory.position_ran = False
-        memory.held = False
+        memory.setpoint_late = False
         mode = memory.setpoint.phase if memory.has_setpoint else Phase.IDLE
         control_tick(autopilot, maps, gyro, tick, ticks, False, False, False)
         stop_rotors(autopilot.state, autopilot.setpoint, autopilot.loops)
@@ -326,7 +325,7 @@ def _choose_gains(
 
 
 @compiled
-def _judge(
+def update_safety_inputs(
     memory: ControllerMemory,
     autopilot: Autopilot,
     limits: InputLimits,
@@ -334,13 +333,13 @@ def _judge(
     now_ns: int,
     ticks: int,
 ) -> None:
-    """Decide on the state; say whether the position loop is due, and the set point is silent."""
+    """Write `position_ran` and `setpoint_late`, then update the safety state."""
     memory.position_ran = memory.tick // POSITION_TICKS != memory.position_slot
-    memory.held = now_ns - memory.setpoint_ns > limits.setpoint_timeout * 1e9
+    memory.setpoint_late = now_ns - memory.setpoint_ns > limits.setpoint_timeout * 1e9
     lost = imu.stamp_ns - memory.estimate_ns > limits.odometry_timeout * 1e9
     lost = lost or imu.stamp_ns - memory.pose_ns > autopilot.gains.blind_timeout * 1e9
     phase = memory.setpoint.phase if memory.has_setpoint else NO_PHASE
-    watch_flight(
+    update_safety_state(
         memory.watch,
         autopilot,
         imu.accel,
@@ -350,7 +349,7 @@ def _judge(
         ticks,
         memory.position_ran,
         not lost,
-        memory.held,
+        memory.setpoint_late,
     )
 
 
@@ -367,7 +366,7 @@ def _follow_setpoint(memory: ControllerMemory, autopilot: Autopilot) -> None:
     else:
         autopilot.mode_flown = last.phase
         setpoint.position = last.position
-        rests = clamp_to_volume(setpoint.position, memory.watch.volume) or memory.held
+        rests = clamp_to_volume(setpoint.position, memory.watch.volume) or memory.setpoint_late
         if _is_too_far(memory, autopilot, setpoint.position):  # the estimate jumped meanwhile
             last.position = autopilot.state.position
             setpoint.position = last.position

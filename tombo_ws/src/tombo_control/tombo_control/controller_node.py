@@ -6,7 +6,7 @@ from typing import Any
 
 from tombo_bag.topics import ATTITUDE_SETPOINT, IMU, RATES_SETPOINT, ROTOR_COMMAND
 from tombo_control.controller_core import ControllerCore
-from tombo_control.estimate import nearest_tick
+from tombo_control.estimator import nearest_tick
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS, RATE_TICKS
 from tombo_control.safety.state_machine import ROTORS_OFF
 from tombo_ros.core_node import CoreNode, main_of

@@ -16,9 +16,15 @@ from tombo_control.autopilot import HISTORY_TICKS, Autopilot, EstimatedState
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import rotate_by_vector, rotated, rotated_back, rotation_vector
-from tombo_dynamics.time_base import TICK_S
+from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_dynamics.vectors import ZERO, AnyVector, add_scaled, scale, store, subtract, vector
 from tombo_dynamics.vehicle import GRAVITY
+
+
+@compiled
+def nearest_tick(stamp_ns: int) -> int:
+    """Return the tick of 1 ms nearest to a stamp."""
+    return (stamp_ns + TICK_NS // 2) // TICK_NS
 
 
 @compiled

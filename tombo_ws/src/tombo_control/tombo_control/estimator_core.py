@@ -20,11 +20,11 @@ from tombo_control.autopilot import (
     new_autopilot,
     restart_estimate,
 )
-from tombo_control.estimate import nearest_tick
 from tombo_control.estimator import (
     attitude_gains,
     correct,
     correction_step,
+    nearest_tick,
     observer_gains,
     process_imu,
     store_history,
@@ -437,7 +437,7 @@ class EstimatorCore(Core):
         self.take("/imu/data_raw", sample, now_ns)
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
-        """Return what follows from the IMU samples since the last step."""
+        """Return the messages due since the last step."""
         if self._began_ns is None or now_ns < self._began_ns:
             self._began_ns = now_ns
         memory, health = self.memory, self.health

@@ -7,7 +7,7 @@ from typing import Any
 from tombo_bag.markers import disc_markers
 from tombo_bag.message_template import CONSTANTS, MessageTemplate
 from tombo_bag.topics import MARKERS, ODOMETRY, TF
-from tombo_control.estimate import nearest_tick
+from tombo_control.estimator import nearest_tick
 from tombo_control.estimator_core import EstimatorCore
 from tombo_dynamics.messages import Odometry
 from tombo_dynamics.rotation import rotate_vector

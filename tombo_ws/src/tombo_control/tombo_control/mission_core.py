@@ -152,16 +152,16 @@ def step_mission(
 ) -> None:
     """Go on to `now_ns` with a plan whose two parts are given; write `setpoint`.
 
-    There is none before the first estimate.
+    Before the first estimate it is missing.
     """
     if memory.now_ns != NEVER and now_ns < memory.now_ns - CLOCK_SET_BACK_NS:
         begin_mission(memory, False)  # another flight: it takes a command
     passed = 0 if memory.now_ns == NEVER else max(now_ns - memory.now_ns, 0)
     memory.now_ns = now_ns
-    if not memory.begun:
+    if not memory.has_estimate:
         if memory.estimate_ns == NEVER or memory.two_estimators:
             return
-        memory.begun = True
+        memory.has_estimate = True
         memory.has_flown = memory.position[2] > limits.ground_height + _AIRBORNE_HEIGHT
         if memory.has_flown:
             store_state(memory, initial_state_in_flight(memory.position, limits.ground_height))
@@ -199,7 +199,7 @@ def _reason_to_wait(memory: MissionMemory, limits: MissionLimits, now_ns: int) -
         return WaitReason.TWO_ESTIMATORS
     if memory.estimate_ns == NEVER or now_ns - memory.estimate_ns > limits.estimate_timeout * 1e9:
         return WaitReason.ESTIMATE_SILENT
-    if memory.held and memory.mode != Phase.LAND and memory.mode != Phase.LANDED:
+    if memory.operator_hold and memory.mode != Phase.LAND and memory.mode != Phase.LANDED:
         return WaitReason.OPERATOR
     if not _is_planned(memory.mode):
         return WaitReason.NONE
@@ -325,15 +325,15 @@ def take_off(memory: MissionMemory, disarmed: bool) -> bool:
 
     A vehicle whose flight controller is `disarmed` does not fly, whatever the plan believes.
     """
-    flies = memory.begun and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED
+    flies = memory.has_estimate and memory.mode != Phase.IDLE and memory.mode != Phase.LANDED
     put_down = flies and (disarmed or _was_put_down(memory))
-    if memory.held and not put_down:
-        memory.held = False
+    if memory.operator_hold and not put_down:
+        memory.operator_hold = False
         return True
-    memory.held = False
+    memory.operator_hold = False
     if flies and not put_down:
         return False
-    if memory.begun and memory.mode == Phase.IDLE:
+    if memory.has_estimate and memory.mode == Phase.IDLE:
         memory.time_ns = _SHOWS_IDLE_NS
     memory.started = True
     memory.takeoff_commands += 1
@@ -349,9 +349,9 @@ def take_off(memory: MissionMemory, disarmed: bool) -> bool:
 
 @compiled(inline=False)
 def land_now(memory: MissionMemory, plan: Plan) -> bool:
-    """Land where the vehicle is; a plan that has not begun does not begin. False: it is down."""
-    memory.held = False
-    if not memory.begun or memory.mode == Phase.IDLE:
+    """Land where the vehicle is; a plan that has not first does not begin. False: it is down."""
+    memory.operator_hold = False
+    if not memory.has_estimate or memory.mode == Phase.IDLE:
         memory.started = False
         return True
     if memory.mode == Phase.LAND or memory.mode == Phase.LANDED:
@@ -450,7 +450,7 @@ class MissionCore(Core):
     def fly_course(
         self, name: str, poses: Sequence[Pose], speed: float = 0.0, hold: float = 0.0
     ) -> None:
-        """Fly to places in place of what the plan has next, and hold at the last.
+        """Fly to places instead of the rest of the plan, and hold at the last.
 
         It ends with another command, a reaction, or the landing.
 
@@ -464,9 +464,9 @@ class MissionCore(Core):
             InputError: not in this phase, or a place that can't be flown to.
         """
         state, now_s = mission_state(self.memory), self.time_s
-        begun = begin_course(state, now_s)
+        first = begin_course(state, now_s)
         speed = speed or self._params.approach_speed
-        self._begin(begun, course_of(name, poses, state, now_s, speed, hold))
+        self._begin(first, course_of(name, poses, state, now_s, speed, hold))
 
     def hold_course(self) -> None:
         """End a commanded course where its reference is, and hold there."""
@@ -511,7 +511,7 @@ class MissionCore(Core):
             self.limits = parameter_record(params)
         else:
             memory = self.memory
-            if params and memory.begun and not memory.started:
+            if params and memory.has_estimate and not memory.started:
                 memory.takeoff_commands += 1
             memory.started = bool(params)
 
@@ -527,7 +527,7 @@ class MissionCore(Core):
         if name == "hold":
             if self.mode in (Phase.IDLE, Phase.LAND, Phase.LANDED):
                 return f"nothing to hold: phase {phase}"
-            memory.held = True
+            memory.operator_hold = True
             return ""
         return "" if land_now(memory, self.plan) else "it has landed"
 
@@ -539,7 +539,7 @@ class MissionCore(Core):
     @property
     def state(self) -> MissionState | None:
         """Where the plan stands; None before the first estimate."""
-        return mission_state(self.memory) if self.memory.begun else None
+        return mission_state(self.memory) if self.memory.has_estimate else None
 
     @property
     def mode(self) -> int:

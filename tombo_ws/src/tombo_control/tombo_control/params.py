@@ -18,8 +18,8 @@ class ControlParams:
 
     Each loop is placed two and a half to three times below the next inner one, whose lag it sees:
     motor lag 35 ms -> rate crossover 19.5 rad/s -> attitude 6.3 -> velocity 2.5 -> position 1.0.
-    `docs/control.md` has the margins; `tombo_control.loops.loop_analysis` computes them from these
-    numbers, and tests hold the docs, these texts and the flying code against it.
+    `docs/control.md` has the margins. `test/loop_analysis.py` computes them from these numbers;
+    tests compare docs, texts and the compiled cascade with them.
     """
 
     position_p: float = param(

@@ -1,4 +1,4 @@
-"""How uncertain the estimate is: what its gains make of the noise that its innovations show.
+"""Uncertainty of the estimate, from its gains and the noise of its innovations.
 
 The observer has fixed gains L and knows no noise beforehand. With the covariance M of its errors
 in units of the noise of a pose, each pose gives (Bar-Shalom, Estimation with Applications to
@@ -71,7 +71,7 @@ def take_innovation(
     place_square: float,
     turn_square: float,
 ) -> None:
-    """Take what a pose differed from its prediction.
+    """Take the difference of a pose from its prediction.
 
     Args:
         memory: carried on.
@@ -101,7 +101,7 @@ def take_innovation(
 
 @compiled
 def take_gyro(memory: Uncertainty, gyro: Array) -> None:
-    """Take a gyro sample (3) [rad/s]; what is not finite is left out."""
+    """Take a gyro sample (3) [rad/s]; one that is not finite is left out."""
     last = memory.gyro
     square = 0.0
     for i in range(3):
@@ -160,8 +160,8 @@ def fill_covariance(memory: Uncertainty, age: float, airborne: bool, out: Any) -
     """Write the covariances of an odometry, `age` [s] after the newest pose.
 
     Args:
-        memory: what is known of the errors; zeros before the first innovation, as messages have it
-            for "not known".
+        memory: of the errors; zeros before the first innovation, which messages read as "not
+            known".
         age: since the capture of the last pose used [s].
         airborne: on the ground the velocity is known to be zero.
         out: `pose_covariance` and `twist_covariance` (36) are written: variances of x, y, z and of

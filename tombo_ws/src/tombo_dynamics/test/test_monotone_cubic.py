@@ -26,10 +26,3 @@ def test_curve_is_that_of_scipy_to_the_last_bit(count: int, kind: str) -> None:
     x = np.concatenate([knots, rng.uniform(knots[0] - 1.0, knots[-1] + 1.0, 1000)])
     assert ours(x).tobytes() == theirs(x).tobytes()
     assert float(ours(float(x[-1]))) == float(theirs(x[-1]))
-
-
-def test_where_the_curve_has_a_value() -> None:
-    knots = np.linspace(0.0, 3.0, 8)
-    curve = MonotoneCubic(knots, knots**2)
-    assert curve(curve.where(4.0)) == pytest.approx(4.0)
-    assert np.isnan(curve.where(10.0))

@@ -1,4 +1,4 @@
-"""Points of the body: their velocity, what a force there does, where they meet an obstacle."""
+"""Points of the body: velocity, effect of a force, distance to the obstacle."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What a core is: the pure part of a node. Messages in, messages out, time as an argument.
+"""A core: the pure part of a node. Messages in, messages out, time as an argument.
 
 A core is run by the compiled flight, by the node that hosts it and by the replay, which all read
-the same wiring (`tombo_sim.wiring`). Between cores a message of tick k is there at tick k + 1;
-what the simulator's sensors measure at tick k is there at tick k.
+the same wiring (`tombo_sim.wiring`). Between cores a message of tick k is there at tick k + 1; a
+measurement of the simulator's sensors at tick k.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ START_GRACE_NS = 10 * SECOND_NS
 
 @dataclass
 class CoreHealth:
-    """What a core reports of itself; whoever runs it takes it from here."""
+    """The reports of a core; its host takes them from here."""
 
     faults: dict[str, tuple[str, int]] = field(default_factory=dict)
     """Faults that are there now: key → (text for a person, level)."""
@@ -67,7 +67,7 @@ def no_texts(record: Any) -> Mapping[str, str]:
 
 @dataclass(frozen=True)
 class Output:
-    """A topic that a core publishes. What is `due` and `message` counts for compiled cores."""
+    """A topic that a core publishes; `due` and `message` are used for compiled cores."""
 
     kind: type[Any]
     """Of its messages, of `tombo_dynamics.messages`."""
@@ -79,8 +79,8 @@ class Output:
     record: type[Record] | None = None
     """Of that field; None: that of `kind`."""
     texts: Callable[[Any], Mapping[str, str]] = no_texts
-    """Returns the texts of a message whose record is given: field → text. What is not in them is
-    empty, or the frame of the map."""
+    """Returns the texts of a message whose record is given: field → text. Missing
+    texts are empty, missing frames that of the map."""
     every: int = 1
     """Ticks between two messages, at the least."""
     logged: bool = False
@@ -100,7 +100,7 @@ class Output:
         return record
 
     def message_of(self, record: Any) -> Any:
-        """Return a record as the message that it stands for."""
+        """Return a record as a message."""
         return message_of(self.kind, record, **self.texts(record))
 
 
@@ -116,7 +116,7 @@ class Compiled:
     memories: tuple[str, ...]
     """Names of the core's attributes that it writes, records."""
     params: tuple[str, ...]
-    """Names of those that it only reads, records or arrays; dots are allowed."""
+    """Names of attributes that it only reads, records or arrays; dots are allowed."""
     takes: Mapping[str, Callable[..., Any]]
     """Topic → function (message, now_ns). A topic that is not in here is handed to the core in
     Python, which is then stepped there."""
@@ -125,7 +125,7 @@ class Compiled:
 
 
 def field_of(record: Any, path: str) -> Any:
-    """Return what a dotted path leads to."""
+    """Return the attribute at a dotted path."""
     return reduce(getattr, path.split("."), record)
 
 
@@ -160,7 +160,7 @@ class Core(ABC):
     options: ClassVar[Mapping[str, tuple[Any, str]]] = {}
     """Further parameters: name → (default, meaning); `set_params` takes them."""
     commands: ClassVar[Mapping[str, str]] = {}
-    """What an operator may tell it, name → meaning; `command` takes them."""
+    """Commands of an operator, name → meaning; `command` takes them."""
     clock_slack_ns: int = 0
     """How far the present may be ahead of `now_ns`: a /clock that is published now and then."""
 
@@ -184,7 +184,7 @@ class Core(ABC):
         self.take(topic, message, now_ns)
 
     def take(self, topic: str, message: Any, now_ns: int) -> Any:
-        """Hand a message to the compiled function of its topic; return what that returns."""
+        """Hand a message to the compiled function of its topic; return the result."""
         if topic not in self._received:
             self._received[topic] = record_of(type(message)).new()
         record = self._received[topic]
@@ -256,7 +256,7 @@ def step_due(period_ns: int, steps_on_messages: bool, has_messages: bool, now_ns
 
 
 class CoreRunner:
-    """Hosts one core: keeps what has come for it until its step."""
+    """Hosts one core: keeps its messages until its step."""
 
     def __init__(self, core: Core) -> None:
         self.core = core
@@ -275,7 +275,7 @@ class CoreRunner:
         self._pending.clear()
 
     def run(self, now_ns: int, due: bool | None = None) -> Sequence[tuple[str, Any]]:
-        """Hand over what is there and step, if it is due; return what is published.
+        """Hand over what is there and step, if it is due; return the published messages.
 
         Args:
             now_ns: the present.

@@ -1,4 +1,4 @@
-"""Forces that no effect describes: what a diagnosis has to call unknown.
+"""Forces that no effect describes: a diagnosis has to call them unknown.
 
 They are not in the registry, so no scenario names them and no fit proposes them. Benchmarks and
 tests set one on the plant (`tombo_benchmarks.diagnosis.disturbances`). Without one they cost five

@@ -1,4 +1,4 @@
-"""Effects by name: what a simulation can switch on and a diagnosis can fit.
+"""Effects by name: a simulation can switch them on, a diagnosis can fit them.
 
 An effect is one decorated function. Its trailing arguments are its parameters; with all of them at
 their null value it adds exactly nothing. Flights and thrust stands have a `Registry` each.
@@ -62,9 +62,9 @@ class Effect:
     vibration: bool = False
     """It shows at the rotors' speeds and above alone: no fit to motion that is slower shows it."""
     saturates: bool = False
-    """Its slope at the null value promises nothing: only a fit tells what it explains."""
+    """Its slope at the null value predicts nothing: only a fit shows its share."""
     confounded_with: tuple[str, ...] = ()
-    """Effects that are no cause beside it: what one takes away the other may give back."""
+    """Effects that are not named as causes together with it: each may cancel the other."""
     healthy_spread: float = HEALTHY_SPREAD
     """Standard deviation of its parameters between healthy vehicles, as a share of the size that
     clearly matters; 0: every healthy vehicle has exactly the nominal value."""

@@ -1,4 +1,4 @@
-"""The one exception that means: what was given can't be used; and how a value is shown in it."""
+"""The one exception for input that can't be used, and how a value is shown in it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _OTHER_WORDS = {"waypoints": "course", "trajectory": "course", "path": "course"}
 
 
 class InputError(ValueError):
-    """Bad input: the message names the input, the value and what is accepted, in one line."""
+    """Bad input: the message names the input, its value and the accepted values, in one line."""
 
     def __init__(self, message: str) -> None:
         super().__init__(_cut(message, _LONGEST))
@@ -83,7 +83,7 @@ def _cut(text: str, limit: int) -> str:
 
 
 def problem_in(error: Exception, file: Path | None = None) -> str:
-    """Return an exception of the user's code in a line: what it is, and where it was raised.
+    """Return an exception of the user's code in a line: its type, text and place.
 
     Args:
         error: the exception.
@@ -107,7 +107,7 @@ def problem_in(error: Exception, file: Path | None = None) -> str:
 
 
 def import_each(package: str, folders: Iterable[str], but: Collection[str] = ()) -> None:
-    """Import all modules of a package, each for what it enters into a registry.
+    """Import all modules of a package, for their entries in a registry.
 
     Args:
         package: dotted name.

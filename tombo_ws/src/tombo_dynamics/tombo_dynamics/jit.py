@@ -1,7 +1,7 @@
 """Compile a function once per version of the sources, and keep the machine code on disk.
 
-Numba's own cache looks at the file that holds a function only, so machine code would go stale
-when a function that it calls, in another file, changes. Here the cache folder's name is a hash of
+Numba's own cache checks only the file of a function. Machine code would go stale when a called
+function in another file changes. Here the cache folder's name is a hash of
 every source file that compiled code can come from: a change anywhere means a new folder. In it,
 machine code is filed under the module's name, not under its path as numba does: the same sources
 are found compiled whether they are imported from the workspace, a build folder or an installation.
@@ -99,7 +99,7 @@ def add_sources(content: str) -> None:
     """Keep the machine code of modules that are loaded from now on apart from the suite's alone.
 
     Args:
-        content: stands for a file whose code is compiled into theirs: its path and a hash.
+        content: path and hash of a file whose code is compiled into theirs.
     """
     global CACHE_FOLDER
     _added.update(content.encode())
@@ -273,7 +273,7 @@ def compiled(
     NaN as in C.
 
     Args:
-        function: what is decorated.
+        function: the decorated one.
         inline: into every caller; False: it is called, for what does not run in every tick.
             Inlining costs compile time, and saves what passing arrays costs: a few nanoseconds a
             call. A loop over many records is called too: of a record that is a row of an array,

@@ -49,7 +49,7 @@ RatesSetpointRecord = record_of(messages.RatesSetpoint)
 
 
 def message_of(kind: type[_Message], record: Any, **texts: str) -> _Message:
-    """Return a record as the message that it stands for; it may have fields of its own besides.
+    """Return a record as a message; the record may have further fields.
 
     Texts that are not given are empty, and frames the map.
     """

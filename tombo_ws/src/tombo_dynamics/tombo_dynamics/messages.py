@@ -213,7 +213,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class DetectorStatus:
-    """What the collision detector made of one pose of the motion capture.
+    """Result of the collision detector for one pose of the motion capture.
 
     Published for each, so it is also the detector's sign of life.
     """
@@ -233,7 +233,7 @@ class DetectorStatus:
 
 @dataclass(frozen=True)
 class EstimatorStatus:
-    """What the estimator knows besides the pose: sensor biases, and how well it is fed."""
+    """Sensor biases of the estimator, and counts of its poses."""
 
     frame: ClassVar[str] = FRAME_BODY
     stamp_ns: int = field(metadata={"unit": "ns"})
@@ -306,7 +306,7 @@ class RatesSetpoint:
 
 @dataclass(frozen=True)
 class ReactionStatus:
-    """What the reaction does with the setpoint between the mission and the controller."""
+    """State of the reaction, which passes the mission's setpoint on or replaces it."""
 
     frame: ClassVar[str] = FRAME_MAP
     stamp_ns: int = field(metadata={"unit": "ns"})
@@ -378,7 +378,7 @@ PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 
 
 def typename_of(kind: type) -> str:
-    """Return the type name of the ROS message that a dataclass stands for."""
+    """Return the type name of the ROS message of a dataclass."""
     return str(getattr(kind, "typename", f"tombo_msgs/msg/{kind.__name__}"))
 
 

@@ -38,18 +38,6 @@ class MonotoneCubic:
         d = x - self.knots[piece]
         return np.asarray(constant + linear * d + square * (d * d) + cube * (d * d * d))
 
-    def where(self, value: float) -> float:
-        """Return the first x between the knots at which the curve has a value, or NaN."""
-        for constant, *others, begin, end in zip(
-            *self.coefficients, self.knots[:-1], self.knots[1:], strict=True
-        ):
-            roots = np.roots([*others[::-1], constant - value])
-            real = begin + roots[np.isreal(roots)].real
-            inside = real[(real >= begin) & (real <= end)]
-            if inside.size:
-                return float(inside.min())
-        return float("nan")
-
 
 def _tangents(steps: Array, slopes: Array) -> Array:
     """Return the derivatives (N) at the knots: weighted harmonic means of the slopes (N - 1)."""
@@ -67,7 +55,7 @@ def _tangents(steps: Array, slopes: Array) -> Array:
 
 
 def _end_tangent(step: float, next_step: float, slope: float, next_slope: float) -> float:
-    """Return the derivative at the first knot, or the last, from two pieces beside it."""
+    """Return the derivative at the first knot, or the last, from the two nearest pieces."""
     tangent = ((2.0 * step + next_step) * slope - step * next_slope) / (step + next_step)
     if np.sign(tangent) != np.sign(slope):
         return 0.0

@@ -24,10 +24,10 @@ def check_seed(name: str, value: object) -> int:
 
     Args:
         name: as the user gave it.
-        value: what was given.
+        value: the given one.
 
     Raises:
-        InputError: it is no whole number, or out of bounds.
+        InputError: it is not a whole number, or out of bounds.
     """
     if isinstance(value, SupportsIndex) and not isinstance(value, bool):
         seed = index(value)
@@ -48,7 +48,7 @@ def param(
         default: value when nothing else is said.
         unit: SI unit as text ("1" for none).
         bounds: lowest and highest accepted value, both included.
-        doc: what the parameter means.
+        doc: meaning of the parameter.
         source: where the default comes from, or "estimated, because ...".
     """
     return dataclasses.field(
@@ -57,12 +57,12 @@ def param(
 
 
 def structure(read: Callable[[str, object], Any], doc: str, source: str = "") -> Any:
-    """Declare a field of a parameter record that is no number but a structure, None by default.
+    """Declare a field of a parameter record that holds a structure, None by default.
 
     Args:
         read: makes it from a name and plain values (lists, mappings, numbers), or raises
             InputError; takes its own result as well.
-        doc: what the parameter means.
+        doc: meaning of the parameter.
         source: as in `param`.
     """
     return dataclasses.field(default=None, metadata={"read": read, "doc": doc, "source": source})
@@ -95,7 +95,7 @@ def validate(record: Any, name: str = "") -> None:
     """Check every numeric field of `record` against its declared bounds.
 
     Raises:
-        InputError: names the first field out of bounds, its value and what is accepted.
+        InputError: names the first field out of bounds, its value and the bounds.
     """
     for field in dataclasses.fields(record):
         if "bounds" in field.metadata:

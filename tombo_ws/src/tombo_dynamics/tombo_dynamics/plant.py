@@ -22,7 +22,7 @@ class State(Record):
 
 
 class RotorSum(Record):
-    """What all four rotors give together at one time of the tick, body frame."""
+    """Sum of the four rotors at one time of the tick, body frame."""
 
     thrust = field("N", "along body z")
     moment = field("N m", "about the centre of gravity", 3)

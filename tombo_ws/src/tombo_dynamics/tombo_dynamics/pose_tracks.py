@@ -18,7 +18,7 @@ _RETURNS: Final = 0.2
 """Distance to such a position over the step from the last one, at most: a body that goes on in
 one direction is twice as far from the last but one."""
 _FARTHEST_M: Final = 1e6
-"""m beyond which a number is no position."""
+"""m: larger numbers are not positions."""
 _SHARE: Final = 0.2
 """Share of the positions that return so, from which on they are of several bodies: a single wrong
 pose, or a jump of the tracking, is one."""

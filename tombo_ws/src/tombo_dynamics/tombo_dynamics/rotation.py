@@ -167,7 +167,7 @@ def map_to_body(attitude: Array, vectors: Array) -> Array:
 def unwrap_quaternions(q: Array) -> Array:
     """Return the same rotations (N, 4) with signs such that no step is the long way round.
 
-    What is not finite, or zero, stays as it is.
+    Quaternions that are zero or not finite stay unchanged.
     """
     out = np.array(q, np.float64)
     with np.errstate(invalid="ignore", over="ignore"):

@@ -85,13 +85,13 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
             f"({top * 30 / math.pi:.0f} rpm), but vehicle.mass {vehicle.mass:g} kg needs "
             f"{hover:.2f} N each to hover and a tenth more to climb"
         )
+    fine: Array = np.linspace(0.0, top, 2049, dtype=np.float64)
     idle = vehicle.rotor_speed_min
     if idle >= top or float(thrust(idle)) >= hover:
         raise InputError(
             f"vehicle.rotor_speed_min: {idle:g} rad/s already lifts the vehicle; accepted: below "
-            f"{thrust.where(hover):.0f} rad/s, the speed in hover"
+            f"{np.interp(hover, thrust(fine), fine):.0f} rad/s, the speed in hover"
         )
-    fine: Array = np.linspace(0.0, top, 2049, dtype=np.float64)
     roots: Array = np.linspace(0.0, math.sqrt(highest), _INVERSE_PIECES + 1, dtype=np.float64)
     speed = MonotoneCubic(roots, MonotoneCubic(np.sqrt(thrust(fine)), fine)(roots))
     table = RotorMaps.new()

@@ -155,7 +155,7 @@ class VehicleParams:
 def similar_vehicle(
     mass: float, arm_length: float, rotor_radius: float, hover_speed: float | None = None
 ) -> VehicleParams:
-    """Return a vehicle like the default one in another size, for what is not known of it.
+    """Return the default vehicle scaled to another size, for unknown parameters.
 
     Lengths go with the arm, those of the rotor with its radius; moments of inertia with mass and
     arm squared, that of a rotor with the fifth power of its radius (equal material); the ground's

@@ -1,6 +1,6 @@
 """YAML as the suite reads it: bounded, numbers as in YAML 1.2, an error that says what and where.
 
-Size, depth, and what aliases stand for, are bounded before anything is built.
+Size, depth and expanded aliases are bounded before anything is built.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LARGEST = 4_000_000
 _DEEPEST = 40
 """Lists and mappings within each other."""
 _MOST_VALUES = 200_000
-"""Values, those that an alias repeats counted again."""
+"""Values; an alias counts with all values that it repeats."""
 _LONGEST_NUMBER = 64
 """Characters: any such number is within the range of a float."""
 _C_OR_PYTHON: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is ten times faster
@@ -48,10 +48,10 @@ class _Refused(Exception):
 
 
 def read_yaml(path: Path, what: str, accepted: str = "YAML") -> Any:
-    """Return what a YAML file says.
+    """Return the content of a YAML file.
 
     Raises:
-        InputError: it can't be read or is no YAML; `what` names it.
+        InputError: it can't be read or is not YAML; `what` names it.
     """
     return parse_yaml(read_text(path, what, accepted), what)
 
@@ -60,7 +60,7 @@ def read_text(path: Path, what: str, accepted: str = "YAML", largest: int = LARG
     """Return the text of a file.
 
     Raises:
-        InputError: it can't be read, is no text or too large; `what` names it.
+        InputError: it can't be read, is not text or too large; `what` names it.
     """
     try:
         with path.open("rb") as file:
@@ -111,7 +111,7 @@ def parse_yaml(text: str, what: str, *, as_text: bool = False) -> Any:
 
 
 def _reason(error: Any) -> tuple[str, str]:
-    """Return what is wrong, and in which line."""
+    """Return the problem and its line."""
     mark = getattr(error, "problem_mark", None)
     why = getattr(error, "problem", None) or str(error).partition("\n")[0]
     context = getattr(error, "context", None)

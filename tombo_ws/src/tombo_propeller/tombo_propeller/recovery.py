@@ -17,7 +17,7 @@ from tombo_dynamics.errors import InputError
 SHARE = 0.9
 """Of the level before the collision."""
 LEAST_SHARE, MOST_SHARE = 0.5, 0.99
-_DROP = 0.25
+_LOSS = 0.25
 """Share of the level that has to be lost."""
 _NOISES = 5.0
 """Standard deviations of noise that a drop must have."""
@@ -25,7 +25,7 @@ _BEFORE = 0.3
 """s before a collision that give the level."""
 _LEAST_BEFORE = 12
 _LEAST = 40
-_FEW = 12
+_LEAST_SAMPLES = 12
 _CURVED = 0.006
 """Share of the recovery time by which the fit misses the passage (simulated strikes)."""
 _SMOOTH = 0.02
@@ -80,7 +80,7 @@ def recoveries(time: Array, value: Array, share: float = SHARE) -> tuple[ThrustR
         )
     if not drops:
         raise InputError(
-            f"no collision in {time[-1] - time[0]:.2f} s: no drop by {100 * _DROP:.0f} % and "
+            f"no collision in {time[-1] - time[0]:.2f} s: no drop by {100 * _LOSS:.0f} % and "
             f"{_NOISES:g} times the noise of {noise:.3g}; accepted: a trace with one"
         )
     ends = [*(k for k, _ in drops[1:]), len(value)]
@@ -144,7 +144,7 @@ def _drops(value: Array, step: float, noise: float) -> list[tuple[int, float]]:
     for k in range(before, len(value), max(1, n // 4)):
         if not recovering and k - since >= before // 2:
             level = float(np.median(value[max(since, k - before) : k - n]))
-        least = max(_DROP * abs(level), _NOISES * noise / math.sqrt(n))
+        least = max(_LOSS * abs(level), _NOISES * noise / math.sqrt(n))
         top, begin = level, max(k - 2 * n, 1)
         if recovering:
             lowest = min(lowest, float(smooth[k]))
@@ -227,7 +227,7 @@ def _crossing(
         first -= 1
     last = min(at + max(at - first, 3), len(after) - 1)
     t, v = span[first : last + 1], after[first : last + 1]
-    if len(t) < _FEW:
+    if len(t) < _LEAST_SAMPLES:
         before = max(at - 1, 0)
         rise = max(float(after[at] - after[before]), 1e-9) / max(
             float(span[at] - span[before]), 1e-9

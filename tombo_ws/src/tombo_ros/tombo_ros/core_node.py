@@ -29,7 +29,7 @@ _MARGIN_NS = 250_000
 _FOLLOW = 0.02
 """Share of the error from that time that each run corrects."""
 _FASTEST_NS = 1000
-"""And at most so much in each: 0.1 % of the rate at 1 kHz."""
+"""Largest correction of a run: 0.1 % of the rate at 1 kHz."""
 _RECHECK_NS, _RECHECKS = 100_000, 4
 """Time between further checks for a late sample, and their number."""
 _WARM_UP_TICKS, _WARM_UP_POSE = 120, 30
@@ -51,7 +51,7 @@ class CoreInput:
 
 
 class _Command:
-    """What an operator has told the node, until the loop has passed it on."""
+    """A command of an operator, until the loop has passed it on."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -123,7 +123,7 @@ class CoreNode(LoopNode):
             command = _Command(name)
             self._commands.append(command)
             if not command.done.wait(_ANSWER_S):
-                try:  # what was called refused is not obeyed later
+                try:  # a command that was reported as refused is not obeyed later
                     self._commands.remove(command)
                 except ValueError:  # the loop has just taken it
                     command.done.wait()
@@ -143,12 +143,12 @@ class CoreNode(LoopNode):
         super().periodic_tasks(wall_ns, now_ns)
 
     def on_published(self, topic: str, message: Any) -> None:
-        """Hook: called with what the core has published."""
+        """Hook: called with each message that the core has published."""
 
     def step(self, now_ns: int) -> None:
         """Hand over the received messages in the order of the inputs, step, publish.
 
-        A sensor that is followed comes first in real time: what came besides counts for its next
+        A sensor that is followed comes first in real time: other messages count for its next
         sample.
         """
         others = self.core_inputs

@@ -1,10 +1,10 @@
 """Lockstep: nodes on a simulated clock run exactly the schedule of the headless flight.
 
-In each tick of 1 ms the simulator publishes what it senses and tells each node that is due how
-many messages it shall have on each input, counted since the start. The node waits until they are
-there, takes exactly these, steps, publishes, and answers with how many it has published. The
-simulator goes on when all have answered. Topics are reliable and keep what a late subscriber has
-not seen, so no message is lost; a wait without result ends in an error that names the messages.
+In each tick of 1 ms the simulator publishes its measurements. It sends each node that is due the
+number of messages on each of its inputs, counted since the start. The node waits for them, takes
+exactly these, steps, publishes, and answers with its own numbers. The simulator continues when
+all have answered. Topics are reliable and latched, so no message is lost; a wait without result
+ends in an error that names the messages.
 """
 
 from __future__ import annotations
@@ -231,7 +231,7 @@ class LockstepMaster:
             now_ns: time of the tick.
             sensed: topic → messages that the simulator has published, those of this tick included.
             idle: called ten times a second while it waits.
-            last: the flight is over: only those that publish nothing take what is left.
+            last: the flight is over: nodes without outputs take the remaining messages.
 
         Raises:
             LockstepError: a node does not answer.

@@ -7,7 +7,7 @@ import numpy as np
 from tombo_dynamics.time_base import LATENESS_MAX_US
 
 _BINS = round(LATENESS_MAX_US) + 1
-"""One for each microsecond; what is later falls into the last."""
+"""One for each microsecond; later values fall into the last."""
 
 
 class LatenessHistogram:
@@ -19,7 +19,7 @@ class LatenessHistogram:
         self.number = 0
 
     def add(self, duration_ns: int) -> None:
-        """Count a duration; what is below 0 counts as 0."""
+        """Count a duration; values below 0 count as 0."""
         micro = duration_ns * 1e-3
         if micro > self.largest_us:
             self.largest_us = micro

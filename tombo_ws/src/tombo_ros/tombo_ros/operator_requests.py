@@ -20,7 +20,7 @@ SERVICES = {
     "kill": ("controller/kill",),
 }
 """Request → services that are called together; it is obeyed if one of them obeys. The node with
-the last word before the rotors needs no other; the mission is told so that it does not go on."""
+the last word before the rotors needs no other; the mission is called so that it does not go on."""
 PX4_SERVICES = {
     "takeoff": ("mission/takeoff",),
     "abort": ("px4/abort", "mission/land"),
@@ -43,7 +43,7 @@ class _Request:
 
     name: str
     as_asked: str
-    """What the operator has asked for."""
+    """Name of the operator's own request."""
     end_s: float
     calls: dict[str, Any] = field(default_factory=dict)
     """Service → future of its answer."""
@@ -72,7 +72,7 @@ class OperatorRequests:
         return any(self._clients[service].service_is_ready() for service in services)
 
     def read(self, data: str) -> list[dict[str, Any]]:
-        """Call what whole lines ask for; return what can't be called."""
+        """Call what whole lines ask for; return the refusals of those that can't be called."""
         *lines, self._rest = (self._rest + data).split("\n")
         return [answer for line in lines if line.strip() for answer in self._begin(line.strip())]
 
@@ -94,13 +94,13 @@ class OperatorRequests:
         return []
 
     def answers(self) -> list[dict[str, Any]]:
-        """Return what has been answered, or has not in time."""
+        """Return the answers, also of services that did not answer in time."""
         for _ in range(sum(len(request.calls) for request in self._open)):
             rclpy.spin_once(self._node, timeout_sec=0.0)
         under_way, self._open = self._open, []
-        return [answer for request in under_way for answer in self._look(request)]
+        return [answer for request in under_way for answer in self._poll(request)]
 
-    def _look(self, request: _Request) -> list[dict[str, Any]]:
+    def _poll(self, request: _Request) -> list[dict[str, Any]]:
         """Return the answer to a request, if it is known by now: that of the first that obeys."""
         late = time.monotonic() > request.end_s
         while request.calls:
@@ -118,7 +118,7 @@ class OperatorRequests:
         return self._refused(request)
 
     def _refused(self, request: _Request) -> list[dict[str, Any]]:
-        """Ask for what is done instead, or return the refusal."""
+        """Begin the substitute request, or return the refusal."""
         text = "; ".join(request.refusals)
         instead = _INSTEAD.get(request.name)
         if instead is None:

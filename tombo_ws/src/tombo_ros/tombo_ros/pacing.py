@@ -52,8 +52,8 @@ COLLISION = Priority(43, 43)
 MISSION = Priority(42, 42)
 RECORDER = Priority(38, 45)
 """SCHED_FIFO priorities: higher for shorter periods. The recorder's loop comes last, but before
-whatever else the machine does: in a flight it needs a fifth of a core, and what it misses is lost.
-Its middleware only puts messages into queues, and those of the publishers are short."""
+other processes: in a flight it needs a fifth of a core, and missed messages are lost. Its
+middleware only puts messages into queues, and those of the publishers are short."""
 
 
 def request_realtime_priority(priority: Priority, leave_out: set[int]) -> str:

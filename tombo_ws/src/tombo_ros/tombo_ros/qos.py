@@ -10,7 +10,7 @@ from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, MARKERS, TF, TopicSpec
 
 LOCKSTEP = Qos(depth=2000, durability="transient_local")
-"""Of all topics in lockstep: reliable, and what came before a subscriber was met is not lost."""
+"""Of all topics in lockstep: reliable, and a late subscriber gets the earlier messages, too."""
 UNCOUNTED = (DIAGNOSTICS.name, MARKERS.name, TF.name, CLOCK.name)
 """Topics outside of the lockstep: no core takes them."""
 

@@ -1,8 +1,8 @@
 """ROS parameters from parameter records: declared, typed, bounded, described; checked as a whole.
 
 The record is the only truth: `declare` reads type, bounds, unit and meaning from its fields, and a
-change is tried on the record first. What it refuses, `ros2 param set` refuses, with the reason.
-So does what can't be applied while the node runs.
+change is tried on the record first. `ros2 param set` refuses it with the record's reason, or if it
+can't be applied while the node runs.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class RecordParameters:
         Args:
             name: of the parameter.
             default: bool, int, float, str or list of str; its type is the parameter's.
-            doc: what it means, with the unit.
+            doc: its meaning, with the unit.
             bounds: of a number, both included.
             check: called with a new value; raises InputError to refuse it.
             read_only: it can be set at the start only.

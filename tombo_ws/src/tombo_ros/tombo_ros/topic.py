@@ -64,7 +64,7 @@ class ReceivedMessage(NamedTuple):
 
 
 class PolledSubscription:
-    """A subscription without callback: `take` returns what has come since the last call.
+    """A subscription without callback: `take` returns the messages since the last call.
 
     A message costs 2 us as bytes, against some 100 us for a callback of an executor.
     """
@@ -160,7 +160,7 @@ class PolledSubscription:
     def silent(self, now_ns: int, limit_s: float) -> bool:
         """Return whether nothing has come for `limit_s`; before the first message, for 10 s.
 
-        Nodes start in any order: that a neighbour is not there yet is no fault.
+        Nodes start in any order: a neighbour may still be missing.
         """
         if self.last_ns is None:
             return now_ns - self._made_ns > START_GRACE_NS

@@ -109,7 +109,7 @@ def hovering_cores(plant, a):
     mission = Mission(MissionParams(approach_time=3600.0, land_time=3600.0), MissionLimits())
     leg = stored_leg(a.leg)
     store_state(mission.memory, MissionState(Phase.HOVER, leg, (0.0, 0.0, 0.0)))
-    mission.memory.begun = True
+    mission.memory.has_estimate = True
     mission.estimate(body[:3], np.zeros(3), EPOCH_NS)
     controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps())
     controller.autopilot.as_array()[0] = a

@@ -33,7 +33,7 @@ from tombo_sim.kernel import Flights, Shared
 from tombo_sim.normals import draw_normals
 
 FLIES, WAITS, ACTS, COLLIDED, HANDED, OVER, ENDED = range(7)
-"""What a vehicle of a batch does: flies; waits for an action; has one; waits for its collision to
+"""State of a vehicle of a batch: flies; waits for an action; has one; waits for its collision to
 be handed to the reaction; it has been; its decision is over; its flight has ended."""
 BLOCK = 64
 """Ticks between two drawings of random numbers."""
@@ -57,7 +57,7 @@ class Batch(NamedTuple):
 
 
 def new_batch(count: int, plant: Any, theta: Array, cores: Sequence[Core], captures: int) -> Batch:
-    """Return room for `count` flights of so many poses.
+    """Return `count` flights with room for `captures` poses each.
 
     Args:
         count: N.
@@ -89,7 +89,7 @@ def fly_batch(batch: Batch, shared: Shared, first: int, last: int) -> None:
 
     Args:
         batch: changed.
-        shared: what they share.
+        shared: their common data.
         first: of the vehicles.
         last: one more than the last of them.
     """
@@ -160,7 +160,7 @@ def _take_action(steering: Any, reaction: Any, action: Array, tick: int) -> None
 
 @compiled(inline=False, counted=False)
 def _decide(batch: Batch, shared: Shared, i: int, reaction: Any) -> int:
-    """Observe if an action is due, else step the reaction; return what the vehicle does now."""
+    """Observe if an action is due, else step the reaction; return the new state of the vehicle."""
     now = EPOCH_NS + (batch.flights.progress[i].tick - 1) * TICK_NS
     if not reference_due(reaction, now):
         step_reaction(batch.flights, shared, i)

@@ -1,4 +1,4 @@
-"""What the simulated flight controller does when nobody commands it: it lands where it is.
+"""Fail-safe of the simulated flight controller: without commands it lands where it is.
 
 Stands for the fail-safe of PX4 on loss of offboard commands. It has an estimator of its own, as
 PX4 has, fed with the same IMU and poses.
@@ -28,7 +28,7 @@ _GOAL_DEPTH = 0.6
 _LANDED_HEIGHT = 0.05
 """[m] above the ground: landed, if at rest."""
 _LANDED_TICKS = TICK_HZ
-"""After so long this low it has landed: without mocap it can float on the ground's cushion."""
+"""Time this low after which it has landed: without mocap it can float on the ground's cushion."""
 
 
 class Failsafe:

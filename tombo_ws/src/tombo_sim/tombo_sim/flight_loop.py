@@ -1,12 +1,11 @@
 """The compiled flight: plant, sensors and the five cores, tick by tick.
 
-In each tick the simulator senses. Each core takes what was published in the tick before, in the
-order of its `inputs`, and is stepped if its period is due or a message has come. The rotor command
-acts in the tick. Decisions of the reaction that are Python are left to it: the tick is then
-complete but for the reaction's step.
+In each tick the simulator senses. Each core takes the messages of the tick before, in the order of
+its `inputs`. It is stepped if its period is due or a message has come. The rotor command acts in
+the same tick. Where the reaction decides in Python, the tick ends without the reaction's step.
 
-The functions are those that the cores' shells call. `tombo_flight.run_wiring` flies the same
-flight in plain Python, nodes in lockstep do over DDS; a test holds the three to the last bit.
+The cores' Python classes call the same functions. `tombo_flight.run_wiring` flies the same flight
+in plain Python, nodes in lockstep over DDS; a test compares the three bit by bit.
 """
 
 from __future__ import annotations
@@ -47,8 +46,7 @@ from tombo_sim.kernel import (
     ImuReading,
     Shared,
     new_log,
-    publish_pose,
-    watch_flight,
+    update_end_conditions,
     write_row,
 )
 from tombo_sim.sensing import Captures, MocapEntry, capture_pose, next_arrival, read_imu
@@ -148,12 +146,12 @@ def fly_ticks(
             capture_pose(plant, mocap_noise, theta, entries, captures, tick)
         arrived = next_arrival(entries, captures, tick)
         while arrived >= 0:
-            publish_pose(entries[arrived], mail.tables[_POSE][mail.i], counts, _POSE, tick)
+            _publish_pose(entries[arrived], mail.tables[_POSE], mail, tick)
             arrived = next_arrival(entries, captures, tick)
         there[_POSE] = counts[_POSE]  # a measurement is there in its tick
         for row in range(fresh[_PHASE], there[_PHASE]):
             flight.phase = mail.tables[_PHASE][mail.i, row].message.phase
-        watch_flight(plant, flight)
+        update_end_conditions(plant, flight)
 
         _step_estimator(estimator, estimator_autopilot, imu, mail, tick, now)
         _step_detector(detector, detector_params, mail, tick, now)
@@ -310,6 +308,17 @@ def publish(message: Any, table: Any, mail: Mail, k: int, tick: int) -> None:
 
 
 @compiled(inline=False, counted=False)
+def _publish_pose(sample: Any, table: Any, mail: Mail, tick: int) -> None:
+    """Publish a captured pose in the tick in which it arrives."""
+    row = _new_row(table, mail, _POSE, tick)
+    if row >= 0:
+        message = table[mail.i, row].message
+        message.stamp_ns = EPOCH_NS + int(np.rint(sample.stamp * TICK_NS))
+        message.position = sample.position
+        message.attitude = sample.attitude
+
+
+@compiled(inline=False, counted=False)
 def _new_row(table: Any, mail: Mail, k: int, tick: int) -> int:
     """Return the row of table k for a new message; -1: the table is full."""
     row = int(mail.counts[k])
@@ -363,7 +372,7 @@ _ENTRIES = [_entry(output) for output in TABLES.values()]
 
 
 def new_published(count: int, ticks: int) -> tuple[Any, ...]:
-    """Return empty tables for N flights of so many ticks."""
+    """Return empty tables for N flights of `ticks` ticks."""
     return tuple(
         np.zeros((count, ticks // output.every + _SPARE), entry.layout)
         for output, entry in zip(TABLES.values(), _ENTRIES, strict=True)
@@ -429,7 +438,7 @@ def one_flight(
 def new_flights(
     count: int, plant: Any, theta: Array, cores: Sequence[Core], captures: int, block: int
 ) -> Flights:
-    """Return room for N flights of so many poses, with normals for `block` ticks."""
+    """Return N flights with room for `captures` poses and normals for `block` ticks."""
     template = one_flight(
         plant, theta, (np.zeros(captures, np.int64), np.zeros((captures, 9))), cores, ()
     )
@@ -490,9 +499,9 @@ def _publish(flights: Flights, i: int, topic: str, message: Any, tick: int) -> N
 
 
 def published_by(flights: Flights, i: int) -> dict[str, Any]:
-    """Return what the cores have published in flight i: topic → rows of tick and message.
+    """Return the messages of the cores in flight i: topic → rows of tick and message.
 
-    What the log has is left out.
+    Topics whose content the log has are left out.
 
     Raises:
         InputError: a table was full.

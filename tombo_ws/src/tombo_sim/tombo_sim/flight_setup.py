@@ -49,11 +49,11 @@ def begin(world: World, seed: int) -> FlightSetup:
     """Set up a flight.
 
     Args:
-        world: what is simulated.
+        world: vehicle, propeller, obstacle, effects.
         seed: all randomness derives from it.
 
     Raises:
-        InputError: the seed is no whole number from 0, the propeller cannot lift the vehicle or
+        InputError: the seed is not a whole number from 0, the propeller cannot lift the vehicle or
             does not fit it, or the vehicle would start inside the obstacle.
     """
     seed = check_seed("seed", seed)

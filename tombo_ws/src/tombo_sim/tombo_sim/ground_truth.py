@@ -1,4 +1,4 @@
-"""What is true of the vehicle: pose, twist, the force of a touch, whether its flight has ended."""
+"""Ground truth of the vehicle: pose, twist, contact force, end of the flight."""
 
 from __future__ import annotations
 

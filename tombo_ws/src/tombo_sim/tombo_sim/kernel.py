@@ -21,10 +21,9 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import upright
-from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
+from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vectors import store
 from tombo_sim.ground_truth import UNDECIDED, FlightEnd, contact_force, watch_end
-from tombo_sim.sensing import MocapEntry
 
 
 class LogRow(Record):
@@ -58,25 +57,23 @@ class LogRow(Record):
 
 
 Log = namedtuple("Log", list(LogRow.fields))  # type: ignore[misc]
-"""One array a column of `LogRow`, a row a tick."""
+"""Flight log: one array per `LogRow` field, one row per tick."""
 
 
 FIGURE_COLUMNS = (
     "position", "velocity", "attitude", "rates", "fold", "damage", "contact_force", "contact",
     "position_setpoint", "mode",
 )  # fmt: skip
-"""What a flight's figures are made of; to write no more saves a tenth of a flight's time."""
+"""Columns for the figures of a flight; without the others a flight takes a tenth less time."""
 _STAGGER = 8
 """Numbers, of 8 bytes: a line of cache."""
 
 
 def new_log(ticks: int, columns: Collection[str] = Log._fields) -> Any:
-    """Return an empty `Log`: each column lies in one piece, since it is read as one.
+    """Return an empty `Log`, each column contiguous; columns outside of `columns` have no rows.
 
-    Others than `columns` have no rows: these are all of them, or `FIGURE_COLUMNS`.
-
-    All are written in every tick, so they start at different places of their memory pages: a
-    processor's first cache has room for few lines of the same place.
+    A tick writes all columns, so they start at different offsets of their memory pages: the first
+    cache of a processor holds few lines of the same offset.
     """
     shapes = [
         (ticks if name in columns else 0, *column.shape) for name, column in LogRow.fields.items()
@@ -110,7 +107,7 @@ class FlightProgress(Record):
 
 
 class ImuReading(NamedTuple):
-    """What the IMU measures in a tick, as a message: arrays are the plant's."""
+    """The IMU sample of a tick as a message; its arrays are the plant's."""
 
     stamp_ns: int
     gyro: Array
@@ -154,7 +151,7 @@ class Flights(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """What is the same in N flights."""
+    """Data shared by N flights."""
 
     maps: Any
     """(1) the rotor's table."""
@@ -164,22 +161,9 @@ class Shared(NamedTuple):
     """`Log`, a row is written for every tick that it has room for: of one flight."""
 
 
-@compiled(inline=False)
-def publish_pose(sample: MocapEntry, table: Any, counts: Any, topic: int, tick: int) -> None:
-    """Publish a pose that has arrived."""
-    row = counts[topic]
-    if row < table.shape[0]:
-        entry = table[row]
-        entry.tick = tick
-        entry.message.stamp_ns = EPOCH_NS + int(np.rint(sample.stamp * TICK_NS))
-        entry.message.position = sample.position
-        entry.message.attitude = sample.attitude
-        counts[topic] = row + 1
-
-
 @compiled(counted=False)
-def watch_flight(plant: Plant, flight: FlightProgress) -> None:
-    """Decide whether the flight is to end."""
+def update_end_conditions(plant: Plant, flight: FlightProgress) -> None:
+    """Set `end` of the flight once a landing or a crash decides it."""
     state = plant.state
     after = watch_end(flight.over, state.position[2], upright(state.attitude), flight.phase)
     if after != UNDECIDED:

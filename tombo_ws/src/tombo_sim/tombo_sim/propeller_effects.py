@@ -42,9 +42,9 @@ falling distance (1.5 s, 0.5 m): 145.5 N fading over it, about one turn, are 1.0
 def vehicle_effects(
     propeller: PropellerChoice, vehicle: VehicleParams, given: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return the given effects with those that follow from propeller and frame filled in.
+    """Return the given effects, completed by the effects of propeller and frame.
 
-    What is given about an effect stays. The frame meets an obstacle with the typical stiffness and
+    Given parameters stay. The frame meets an obstacle with the typical stiffness and
     damping of `contact_force`: an obstacle is solid unless a stiffness of 0 is given. A plain
     propeller is pushed as the paper's rigid one is, or one with a nodus, in proportion to its own
     spin momentum over its radius, and stands strikes in proportion to its own energy in hover.

@@ -1,4 +1,4 @@
-"""The simulator as a node: stands in for PX4 and OptiTrack.
+"""The simulator as a node, in place of PX4 and OptiTrack.
 
 Gives mocap poses, IMU, battery and, under `ground_truth/`, ground truth; takes rotor speeds.
 Without `use_sim_time` a tick of 1 ms takes a millisecond and stamps are the system's time; with it
@@ -36,7 +36,7 @@ _BATTERY_TICKS = 100
 _PATIENCE_NS = 200_000_000
 _POLL_NS = 200_000
 _RESUME_NS = 100_000_000
-"""Commands must have come for so long before the fail-safe hands over."""
+"""Time with commands before the fail-safe hands over."""
 
 
 class SimNode(VehicleNode):
@@ -187,7 +187,7 @@ class SimNode(VehicleNode):
             if not self.others_ready(now_ns):
                 return
             self._began_ns = now_ns // 1000 * 1000
-            self.shift_ns = self.late_ns  # what came before the flight is not caught up
+            self.shift_ns = self.late_ns  # time before the flight is not caught up
         self._started = True
         self._publish()
 
@@ -258,7 +258,7 @@ class SimNode(VehicleNode):
     def _take_answers(
         self, master: LockstepMaster, spec: TopicSpec, source: PolledSubscription
     ) -> list[Any]:
-        """Return what the nodes have published on a topic in this tick."""
+        """Return the messages of the nodes on a topic in this tick."""
         count = master.published.get(spec.name, 0)
         if count == source.taken:
             return []

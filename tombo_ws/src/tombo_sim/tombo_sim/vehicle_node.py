@@ -1,7 +1,7 @@
-"""What every node that simulates the vehicle has in common: its world, and what a lab sees of it.
+"""Base of the nodes that simulate the vehicle: its world, and the topics that a lab sees.
 
-The motion capture's poses, the markers of the obstacle and, under `ground_truth/`, what is really
-so. Who flies the vehicle, and which sensors are heard, is the business of each node.
+The topics are the motion capture's poses, the markers of the obstacle and `ground_truth/`. Each
+node adds its own pilot and sensors.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class VehicleNode(LoopNode):
         return now_ns >= self._begins_ns
 
     def _world(self, mocap_rate: float) -> World:
-        """Declare the parameters of all effects; what the propeller implies is their default."""
+        """Declare the parameters of all effects; defaults follow from the propeller."""
         derived = vehicle_effects(self.records["propeller"], self.records["vehicle"], {})
         effects = {}
         for effect in REGISTRY.values():

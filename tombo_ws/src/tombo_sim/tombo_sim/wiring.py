@@ -1,6 +1,6 @@
 """The wiring of a flight, as data: which cores there are and what each gets.
 
-Who publishes a topic and who takes it follows from the cores' `inputs` and `outputs`. The nodes,
+Publishers and subscribers of a topic follow from the cores' `inputs` and `outputs`. The nodes,
 the replay, the Python reference and the documentation read this; `flight_loop` has their tick.
 """
 

@@ -1,4 +1,4 @@
-"""What is simulated: vehicle, propeller, obstacle, what differs from flight to flight."""
+"""The simulated world: vehicle, propeller, obstacle, spread between flights."""
 
 from __future__ import annotations
 
@@ -52,6 +52,6 @@ class World:
     obstacle: ObstacleParams = field(default_factory=ObstacleParams)
     spread: SpreadParams = field(default_factory=SpreadParams)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """As given; what follows from the propeller is added."""
+    """As given; effects of the propeller are added."""
     mocap_rate: float = 30.0
     """[Hz]."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tombo_benchmarks.px4.lockstep_px4 import Px4Setup
-from tombo_benchmarks.px4.losses import LOSSES, Loss, fly_loss, judged_track
+from tombo_benchmarks.px4.losses import LOSSES, Loss, fly_loss, track_figures
 
 _FLOWN = ("poses stop for 30 s", "poses of another body", "bridge stopped for 20 s")
 """The others, and the real PX4: `make test-px4 ARGS=--losses`."""
@@ -28,7 +28,7 @@ def test_a_loss_ends_on_the_ground(loss: Loss, tmp_path: Path):
 
 def judged(height: np.ndarray, armed: np.ndarray) -> dict[str, Any]:
     seconds = np.arange(len(height)) * 1e-3
-    return judged_track(np.column_stack((seconds, height, np.zeros(len(height)), armed)))
+    return track_figures(np.column_stack((seconds, height, np.zeros(len(height)), armed)))
 
 
 def test_only_what_stays_on_the_ground_has_ended():

@@ -43,7 +43,7 @@ def main() -> None:
 
 
 def _make(name: str, data: Path) -> str:
-    """Make a product; return what was written."""
+    """Make a product; return the written files and the time."""
     product = PRODUCTS[name]
     if product.data and not (data / product.data).is_dir():
         return f"left as it is, no '{data / product.data}'"

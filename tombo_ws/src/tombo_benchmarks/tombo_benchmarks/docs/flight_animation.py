@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 _BEFORE_S: Final = 1.4
 _AFTER_S: Final = 5.6
 _SLOW_S: Final = (-0.1, 0.9)
-"""From the contact, what is shown four times slower."""
+"""Interval around the contact that is shown four times slower."""
 _CONTACT_S: Final = 0.15
-"""From the contact, what is called so: in slow motion 0.6 s, long enough to be read."""
+"""Time after the contact with that label: in slow motion 0.6 s, long enough to be read."""
 _STEP_S: Final = 0.1
 _FRAME_MS, _LAST_MS = 100, 1500
 _SIZE_IN, _DPI = (8.0, 4.5), 100
@@ -50,7 +50,7 @@ _PAINT_FRONT_LEFT: Final = {
     **_PAINT, "arm": "#A34700", "disc": style.FRONT_LEFT, "ghost": style.FRONT_LEFT,
 }  # fmt: skip
 _NEARER_M: Final = {"disc": 0.02, "deck": 0.03, "nose": 0.04}
-"""What is drawn over parts as far away."""
+"""Parts that are drawn over others at the same distance."""
 
 
 def animation(flight: Flight) -> bytes:

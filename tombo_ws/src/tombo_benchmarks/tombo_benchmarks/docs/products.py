@@ -173,7 +173,7 @@ _VARIATIONS: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
         ("obstacle.x=2.0108", "obstacle.y=0.1697", "obstacle.radius=0.03"),
     ),
 )
-"""What is changed in docs/calibration.md, as settings. A pillar keeps its point of contact."""
+"""The variations of docs/calibration.md, as settings. A pillar keeps its point of contact."""
 
 
 def _calibration(root: Path, data: Path) -> None:

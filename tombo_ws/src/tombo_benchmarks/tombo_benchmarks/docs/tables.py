@@ -31,7 +31,7 @@ from tombo_sim.wiring import CORES, OPERATOR
 
 @dataclass(frozen=True)
 class NodeFacts:
-    """What the source of a node says about it.
+    """Facts about a node, from its source.
 
     Attributes:
         name: of the node.
@@ -73,7 +73,7 @@ def read_nodes(suite: Mapping[str, str] = SUITE) -> list[NodeFacts]:
 
 
 def every_node() -> list[NodeFacts]:
-    """Return the facts of the suite's nodes, and of those that PX4 brings along."""
+    """Return the facts of the nodes of both suites, without and with PX4."""
     more = {name: module for name, module in PX4_SUITE.items() if name not in SUITE}
     return read_nodes({**SUITE, **more})
 
@@ -165,7 +165,7 @@ def _topic_names(tree: ast.AST, method: str) -> Iterator[str]:
 
 
 def _resolved(tree: ast.AST, value: ast.expr) -> ast.Dict:
-    """Return a dict display, looked up if a name stands for it."""
+    """Return a dict display; a name is looked up."""
     if isinstance(value, ast.Name):
         value = _assigned(tree, value.id)
     if not isinstance(value, ast.Dict):
@@ -181,7 +181,7 @@ def _assigned(tree: ast.AST, name: str) -> ast.expr:
 
 
 def _value(tree: ast.AST, value: ast.expr) -> str:
-    """Return a constant's text, looked up if a name stands for it."""
+    """Return a constant's text; a name is looked up."""
     if isinstance(value, ast.Name):
         value = _assigned(tree, value.id)
     return str(ast.literal_eval(value))
@@ -343,7 +343,7 @@ SIM = "sim"
 
 
 class CoreType(Protocol):
-    """What the picture needs of a core."""
+    """The attributes of a core in the picture."""
 
     name: str
     inputs: tuple[str, ...]

@@ -1,7 +1,7 @@
 """How punctual the nodes are on this machine.
 
 The nodes fly the paper's flight, and tell their figures on `/diagnostics`. An empty loop before
-and after it tells how punctual the machine is by itself.
+and after it shows the lateness of the machine itself.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def running_suite() -> Iterator[tuple[RunningSuite, Path]]:
 
 @contextmanager
 def busy_processes(number: int) -> Iterator[None]:
-    """Keep so many processes computing."""
+    """Keep `number` processes computing."""
     spin = [sys.executable, "-c", "while True: pass"]
     processes = [subprocess.Popen(spin) for _ in range(number)]
     try:
@@ -83,7 +83,7 @@ def fly_and_measure(seconds: float, busy: int) -> dict[str, Any]:
 
     Args:
         seconds: to fly once all nodes report [s].
-        busy: processes beside it that never sleep.
+        busy: further processes that never sleep.
     """
     with busy_processes(busy):
         before = empty_loop(0.25 * seconds)

@@ -59,11 +59,11 @@ Cases = Iterator[tuple[str, int, Callable[[Px4Setup], Row]]]
 
 @dataclass(frozen=True)
 class Study:
-    """Flights of a kind, and what is printed of them.
+    """Flights of a kind, with their lines and table.
 
     Attributes:
         cases: name and seed of a flight, and what flies it and returns its row.
-        line: what is said about a flight, behind its name.
+        line: text about a flight, behind its name.
         table: of all rows.
         good: whether a flight went as it must.
         page: page and marker of the table.
@@ -235,10 +235,10 @@ def markdown_table(rows: Sequence[Row]) -> str:
     kinds = list(dict.fromkeys(str(row["flight"]) for row in rows))
     flights = [[row for row in rows if row["flight"] == kind] for kind in kinds]
 
-    def cells(key: str, tell: Callable[[list[Any]], str]) -> list[str]:
-        """Return what there is to tell of each kind's values; "–" where none is measured."""
+    def cells(key: str, summary: Callable[[list[Any]], str]) -> list[str]:
+        """Return a cell for each kind of flight; "–" where no value is measured."""
         known = [[row[key] for row in those if row.get(key) is not None] for those in flights]
-        return [tell(values) if values else "–" for values in known]
+        return [summary(values) if values else "–" for values in known]
 
     table = [["flights", *(str(len(those)) for those in flights)]]
     for key in ("crashed", "landed"):
@@ -246,8 +246,8 @@ def markdown_table(rows: Sequence[Row]) -> str:
     again = cells("contacts", lambda values: str(sum(value > 1 for value in values)))
     table.append(["hit the pillar again", *again])
     for key, name, unit, scale, digits in _FIGURES:
-        tell = partial(_median_and_largest, scale, digits)
-        table.append([f"{name} [{unit}]", *cells(key, tell)])
+        figures = cells(key, partial(_median_and_largest, scale, digits))
+        table.append([f"{name} [{unit}]", *figures])
     table.append(["steps without an answer", *cells("missed", lambda values: str(sum(values)))])
     return table_markdown(("", *kinds), table)
 

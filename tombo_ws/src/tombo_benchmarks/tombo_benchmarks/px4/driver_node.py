@@ -106,7 +106,7 @@ def main() -> int:
         for outcome in fly_first(Path(build), Path(folder), int(instance), Driver):
             outcomes.append(outcome)
             state = "as written" if outcome.as_written else "NOT as written"
-            print(f"step {outcome.step}, {outcome.does}: {state}: {outcome.seen}", flush=True)
+            print(f"step {outcome.step}, {outcome.does}: {state}: {outcome.result}", flush=True)
     except TimeoutError as error:
         print_error(str(error))
         return 1

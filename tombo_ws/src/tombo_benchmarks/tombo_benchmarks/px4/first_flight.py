@@ -2,7 +2,7 @@
 
 The commands are read from the page. The simulator is the vehicle: without thrust as long as the
 propellers are off, moved by a simulated hand in step 4. `Driver` is the driver of the motion
-capture, and what the person sets in it.
+capture, with its settings.
 """
 
 from __future__ import annotations
@@ -68,11 +68,11 @@ def scenario_of(page: str) -> str:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a step of the page has led to."""
+    """Result of a step of the page."""
 
     step: int
     does: str
-    seen: str
+    result: str
     as_written: bool
 
 
@@ -115,7 +115,7 @@ class _Person:
             }
         )
         known = airframe_parameters(world_of(scenario), flight)
-        # of the airframe alone: what the page sets is not set before
+        # of the airframe alone: the page sets the others
         set_by_page = {**SAFE_PARAMETERS, **MOCAP_ONLY}
         self._airframe = {name: v for name, v in known.items() if name not in set_by_page}
         self._px4: ExitStack | None = None
@@ -233,7 +233,7 @@ _STANDS_RAD_S = 20.0
 
 
 def _last_line(text: str) -> str:
-    """Return the last line that is no cursor movement."""
+    """Return the last line of text, without cursor movements."""
     lines = _ESCAPE.sub("", text).replace("\r", "\n").splitlines()
     return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
@@ -277,5 +277,5 @@ def _environment(folder: Path) -> Iterator[None]:
 def table(outcomes: Sequence[Outcome]) -> str:
     """Return the table of the steps."""
     head = ("step", "done", "seen", "as written")
-    rows = [[str(o.step), o.does, o.seen, "yes" if o.as_written else "no"] for o in outcomes]
+    rows = [[str(o.step), o.does, o.result, "yes" if o.as_written else "no"] for o in outcomes]
     return table_markdown(head, rows)

@@ -1,8 +1,7 @@
 """One flight with a PX4 in lockstep: physics, mission, detector, reaction and bridge here.
 
 Time is the simulation's, also for the bridge and for TIMESYNC, so that a flight does not depend on
-how busy the machine is. Nothing but the sockets is shared with a real PX4; without one the
-simulated PX4 flies in its place.
+the load of the machine. A real PX4 shares only the sockets; without one the simulated PX4 flies.
 """
 
 from __future__ import annotations
@@ -53,9 +52,9 @@ _READY_S = 60.0
 _DISARM_S = 6.0
 """PX4 disarms 2 s after it has landed."""
 _AFTER_HAND_S = 16.0
-"""The vehicle stands again for so long: what was not proven then is not proven."""
+"""Time at rest after the hand; axes that are not proven by then stay unproven."""
 _MISTAKE_S = 3.0
-"""So long after the hand a mistake that was found is told."""
+"""Time after the hand for the report of a mistake."""
 _AFTER_DISARM_S = 1.0
 _FARTHEST_M = 30.0
 """A vehicle further away than this has flown away."""
@@ -248,7 +247,7 @@ class LockstepRun:
                 )
 
     def _note(self, topic: str, message: Any) -> None:
-        """Keep what the figures are made of."""
+        """Keep the messages that the figures need."""
         if isinstance(message, MissionStatus):
             self._phase = message.phase
             self._began_ns = self._began_ns or self._now_ns

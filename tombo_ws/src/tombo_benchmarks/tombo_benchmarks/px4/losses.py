@@ -27,9 +27,9 @@ from tombo_px4.modes import mode_name, mode_of
 from tombo_sim.simulator import Simulator
 
 _HOVER_S = 4.0
-"""Hovers so long before the loss."""
+"""Hover before the loss."""
 _AFTER_S = 12.0
-"""Watched for so long after the end of the loss, or after the rotors have stopped."""
+"""Time observed after the end of the loss, or after the rotors have stopped."""
 _LONGEST_S = 60.0
 _READY_S = 60.0
 _DOWN_M, _UP_M = 0.03, 0.15
@@ -40,7 +40,7 @@ _BACKLOG = 300
 
 @dataclass(frozen=True)
 class Loss:
-    """What is lost in hover."""
+    """A loss in hover."""
 
     name: str
     what: str
@@ -77,7 +77,7 @@ def fly_loss(setup: Px4Setup, loss: Loss) -> dict[str, Any]:
 
     Returns:
         `loss`, `seed`; `armed`: it has flown at all; `why_not`, if not; `modes`: time and name of
-        each mode of PX4's heartbeats; and what `judged_track` says. Times [s] are from the loss.
+        each mode of PX4's heartbeats; and what `track_figures` says. Times [s] are from the loss.
 
     Raises:
         InputError: PX4 does not start, or stops answering.
@@ -228,17 +228,17 @@ class _LossRun(LockstepRun):
         self._track.append((self._loss_s, height, drift, armed))
 
     def row(self) -> dict[str, Any]:
-        """Return what the loss has led to."""
+        """Return the row of the loss."""
         row = {"loss": self.loss.name, "seed": self._seed, "armed": self._lost_ns is not None}
         if self._lost_ns is None:
             notes = dict.fromkeys(text for _, text in self._notes)
             why_not = "; ".join(notes) or self._status_why
-            return row | {"why_not": why_not, "modes": [], **judged_track(np.zeros((0, 4)))}
-        return row | {"modes": self._modes, **judged_track(np.array(self._track))}
+            return row | {"why_not": why_not, "modes": [], **track_figures(np.zeros((0, 4)))}
+        return row | {"modes": self._modes, **track_figures(np.array(self._track))}
 
 
-def judged_track(track: Array) -> dict[str, Any]:
-    """Return what a track shows: rows of time since the loss, height, drift, and armed.
+def track_figures(track: Array) -> dict[str, Any]:
+    """Return the figures of a track: rows of time since the loss, height, drift, and armed.
 
     Returns:
         `down_s`, when it touched the ground to stay there, and `off_s`, when PX4 was disarmed;
@@ -262,7 +262,7 @@ def judged_track(track: Array) -> dict[str, Any]:
 
 
 def loss_line(row: Mapping[str, Any]) -> str:
-    """Return what is said about a flight."""
+    """Return the line about a flight."""
     if not row["armed"]:
         return f"never armed: {row['why_not']}"
     modes = ", ".join(f"{at:.1f} s {name}" for at, name in row["modes"])

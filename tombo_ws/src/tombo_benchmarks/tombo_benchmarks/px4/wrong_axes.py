@@ -78,7 +78,7 @@ WRONG_AXES: Final[Mapping[str, WrongAxes]] = {
     ),
     "attitude inverse": WrongAxes(lambda place, q: (place, conjugate(q)), "inverse"),
 }
-"""Name -> what the motion capture sends."""
+"""Name -> poses that the motion capture sends."""
 
 
 @dataclass

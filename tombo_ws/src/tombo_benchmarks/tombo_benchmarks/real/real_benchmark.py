@@ -34,12 +34,12 @@ _ANSWERS: Final = ("right", "set", "wrong", "none")
 def answer_of(
     trial: Trial, folder: Path, widths: Widths = LEARNT
 ) -> tuple[str, frozenset[str], float]:
-    """Ask as the commands do; return verdict, what is said, confidence.
+    """Diagnose as the commands do; return verdict, named causes, confidence.
 
     Args:
-        trial: what is asked.
+        trial: flights and question.
         folder: of all data sets.
-        widths: what is learnt from flights of known changes.
+        widths: learnt from flights of known changes.
 
     Raises:
         InputError: the logs can't be used.
@@ -83,7 +83,7 @@ def _taught(trial: Trial, folder: Path) -> KnownChange:
 
 
 def _changed(found: Diagnosis) -> frozenset[str]:
-    """Return what has changed as effect.rotor; a named pair as one."""
+    """Return the changes as effect.rotor; a named pair as one."""
     parts = [f"{c.effect}.{c.rotor}" if c.rotor else c.effect for c in found.changed]
     if found.verdict == "named" and len(parts) > 1:
         rotors = "+".join(c.rotor for c in found.changed)
@@ -107,7 +107,7 @@ def outcome_of(trial: Trial, verdict: str, said: frozenset[str]) -> str:
 
 
 def examine(trials: Sequence[Trial], folder: Path, left_out: bool, _seed: int, number: int) -> Row:
-    """Ask about one trial and score it; `left_out`: with what the others teach."""
+    """Ask about one trial and score it; `left_out`: with constants learnt from the others."""
     trial = trials[number]
     row: Row = {
         "case": number, "data_set": trial.data_set, "way": trial.way, "done": trial.done,

@@ -73,7 +73,7 @@ def _answers(name: str, rows: Sequence[Row]) -> Section:
         ("what was done", "asked", "what is said", "stated", "outcome"),
         [
             (
-                r["done"], r["way"], Cell(_said(r), "muted"),
+                r["done"], r["way"], Cell(_answer_text(r), "muted"),
                 "–" if r["confidence"] is None else percent(r["confidence"]),
                 Cell(r["outcome"], _STYLE.get(r["outcome"], "warn")),
             )
@@ -84,6 +84,6 @@ def _answers(name: str, rows: Sequence[Row]) -> Section:
     return Section(name, [table] if rows else [])
 
 
-def _said(row: Row) -> str:
+def _answer_text(row: Row) -> str:
     said = ", ".join(row["said"])
     return f"{row['verdict']}: {said}" if said else str(row["verdict"])

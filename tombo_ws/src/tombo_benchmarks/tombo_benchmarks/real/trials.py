@@ -1,4 +1,4 @@
-"""What was done in real flights, as their authors write, and which answers are right."""
+"""Real flights, the causes that their authors state, and the right answers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOTHING: Final = "nothing"
 
 @dataclass(frozen=True)
 class Trial:
-    """Flights, what is asked about them, and what is right."""
+    """Flights, the question about them, and the right answers."""
 
     data_set: str
     way: str
@@ -29,7 +29,7 @@ class Trial:
     """Name or file."""
     done: str
     truth: str
-    """Kind of what was done, or NOTHING."""
+    """Kind of the change, or NOTHING."""
     right: frozenset[str] = frozenset()
     """Answers that are right; "none" is right, too, if the truth is NOTHING."""
     healthy: tuple[str, ...] = ()
@@ -77,7 +77,7 @@ _CONDITIONS: Final = (
     ("tape_m3", "tape on propeller 3", _WEAK, "rear_left"),
     ("tape_m1_m3", "tape on propellers 1 and 3", _WEAK, "front_right+rear_left"),
 )
-"""Files, what was done, kind, rotor: rotor 3 is rear left, 1 front right."""
+"""Files, change, kind, rotor: rotor 3 is rear left, 1 front right."""
 _ALSO: Final = {"cut_m3_one_tip_1mm": {"propeller_unbalance.rear_left"}}
 _FIRST_DAY, _SECOND_DAY = (1, 2, 3), (4, 5)
 _OSCILLATING: Final = (22, 30, 45, 76, 113, 119, 146, 149, 179)
@@ -99,7 +99,7 @@ _GARAGE: Final[Mapping[str, tuple[str, frozenset[str], frozenset[str]]]] = {
 """Class of the flight → truth, right, accepted. A vehicle that stays on the floor may be called
 wrong without a cause."""
 _THERE: Final = frozenset({"linear_rotor_drag", "quadratic_body_drag", "ground_effect"})
-"""What a Crazyflie known by its airframe alone has besides what the suite's own vehicle has."""
+"""Effects of a Crazyflie, known by its airframe alone, that the suite's own vehicle lacks."""
 _POSES_EARLY_MS: Final = {
     "B10_lissajous_fast_rep1": 17, "B2_circle_medium_rep3": 18, "mell_B9_trefoil_medium_rep3": 17,
     "mell_B9_trefoil_slow_rep3": 24, "mell_aligned": 16, "pid_B9_trefoil_medium_rep3": 21,
@@ -110,11 +110,11 @@ gyro with the rates of the attitude, without a model (± 2 ms); the others are w
 
 
 def trials(folder: Path, few: int | None = None) -> list[Trial]:
-    """Return the trials of the data sets in a folder, those that are there.
+    """Return the trials of the data sets in a folder.
 
     Args:
         folder: has a folder for each data set.
-        few: at most so many of each data set, spread over it; None: all.
+        few: most trials of each data set, spread over it; None: all.
 
     Raises:
         InputError: there is none of them.

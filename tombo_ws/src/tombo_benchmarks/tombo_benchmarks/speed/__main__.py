@@ -28,7 +28,7 @@ _ROWS: Final = (
 
 
 def speed_table(figures: Mapping[str, float | int | None]) -> Table:
-    """Return the figures beside what is wanted."""
+    """Return the figures with the wanted ones."""
     rows = []
     for key, name, unit, scale, digits, wanted in _ROWS:
         value = figures[key]

@@ -79,7 +79,7 @@ def fly_vehicles(
 
 @dataclass
 class KernelFlight:
-    """One vehicle on its way: the memories of plant and autopilot, and what they fly with."""
+    """One vehicle on its way: the memories of plant and autopilot, and their parameters."""
 
     scenario: Scenario
     plant: SimulatedPlant

@@ -1,4 +1,4 @@
-"""What is measured: each function returns its figure of several runs, medians by default."""
+"""The measurements: each function returns the median of several runs."""
 
 from __future__ import annotations
 

@@ -19,14 +19,14 @@ _POSE_NOISE, _TURN_NOISE, _GYRO_NOISE, _ACCEL_NOISE = 0.0006, 0.002, 0.01, 0.15
 def write_crash(
     folder: Path, rows: Array, mishap: Mishap, order: tuple[int, ...], rng: np.random.Generator
 ) -> tuple[Path, Path]:
-    """Write log and mapping; the poses are those that the controller had.
+    """Write log and mapping; its poses are the controller's.
 
     Args:
         folder: where.
         rows: (N, 26), in the columns of COLUMNS.
-        mishap: what is hidden.
+        mishap: the hidden one.
         order: columns (from 0) of the rotors in the order of ROTOR_NAMES.
-        rng: of noise, and of what the log has.
+        rng: of the noise and the choice of channels.
     """
     values = rows.copy()
     values[:, 1:4] = rows[:, 23:26]

@@ -150,7 +150,7 @@ def began(mishap: Mishap, t: Array, rates: Array, command: Array, scene_began: f
 
 
 class Scene:
-    """What a vehicle touches: the floor, and a wall or a ceiling that a mishap puts there.
+    """Obstacles: the floor, and a wall or a ceiling that a mishap puts there.
 
     Attributes:
         began: when the mishap began [s]; NaN: not yet.

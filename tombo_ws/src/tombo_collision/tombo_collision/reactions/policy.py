@@ -59,7 +59,7 @@ class Steered(Guided):
         steering.timeout, steering.yaw, steering.rotor = self.timeout, self.yaw, -1
 
     def observation(self, time_s: float, estimate: Estimate) -> Any:
-        """Return what the policy sees (23), float32."""
+        """Return the observation of the policy (23), float32."""
         observation = np.empty(HIGH.size, np.float32)
         e = estimate
         observe(self.steering, time_s, e.position, e.velocity, e.attitude, e.rates, observation)

@@ -1,25 +1,48 @@
 """Gains for another vehicle: the cascade of the default vehicle, slowed to the other's drives.
 
-The cascade asks for accelerations and knows mass and inertia, so what is left of a vehicle in its
-loops is the lag of its motors, what its yaw drive makes of a command, and how much a small wrong
-thrust turns it. `docs/control.md` states the rule.
+The cascade commands accelerations and knows mass and inertia. Its loops then depend on the motors'
+lag, the yaw drive, and the turn that a small error of thrust causes. `docs/control.md` states the
+rule.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from tombo_control.loops.loop_analysis import yaw_drive
 from tombo_control.params import ControlParams
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_rotors
-from tombo_dynamics.rotor_maps import RotorMaps
+from tombo_dynamics.rotor_maps import RotorMaps, rotor_thrust, rotor_torque, speed_for_thrust
 from tombo_dynamics.vehicle import VehicleParams
 
 _YAW_CROSSOVER = 13.0
 """rad/s: of the default vehicle's yaw rate loop (docs/control.md)."""
 _MOST_INTEGRAL = 200.0
 """rad/s^2: the highest accepted `rate_i_max`."""
+
+
+@dataclass(frozen=True)
+class YawDrive:
+    """How yaw torque follows the torque asked for, linear about hover."""
+
+    gain: float
+    """Steady torque over the torque asked for: the allocation takes drag as a share of thrust."""
+    lead: float
+    """Rotor inertia over the slope of drag torque with speed [s]: a rotor that is sped up
+    reacts on the airframe long before its drag has grown."""
+
+
+def yaw_drive(vehicle: VehicleParams, maps: RotorMaps) -> YawDrive:
+    """Return the yaw actuator of a vehicle in hover, with the table `rotor_maps` of its rotors."""
+    speed = float(speed_for_thrust(maps, vehicle.hover_thrust()))
+    step = 1e-3 * speed
+    thrust_slope = rotor_thrust(maps, speed + step) - rotor_thrust(maps, speed - step)
+    torque_slope = rotor_torque(maps, speed + step) - rotor_torque(maps, speed - step)
+    ratio = rotor_torque(maps, speed) / rotor_thrust(maps, speed)
+    return YawDrive(
+        gain=float(torque_slope / thrust_slope / ratio),
+        lead=float(vehicle.rotor_inertia * 2.0 * step / torque_slope),
+    )
 
 
 def gains_for(vehicle: VehicleParams, maps: RotorMaps) -> ControlParams:

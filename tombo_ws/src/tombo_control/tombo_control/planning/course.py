@@ -23,7 +23,7 @@ _YAW_RATE = 1.0
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A point of a course. What is None stays as it was at the waypoint before."""
+    """A point of a course. A field that is None keeps the value of the waypoint before."""
 
     x: float | None = param(None, "m", (-1e3, 1e3), "map x")
     y: float | None = param(None, "m", (-1e3, 1e3), "map y")
@@ -54,7 +54,7 @@ Course = tuple[Waypoint, ...]
 
 
 def read_course(name: str, given: object) -> Course | None:
-    """Return a course from plain values, as they stand in a scenario file, checked.
+    """Return a checked course from the plain values of a scenario file.
 
     Args:
         name: what to call it in an error, as mission.course.
@@ -95,7 +95,7 @@ def _waypoint(name: str, given: object) -> Waypoint:
 def resolved_waypoints(
     course: Sequence[Waypoint], hover: Point, speed: float
 ) -> list[ResolvedWaypoint]:
-    """Return the waypoints with what they leave out filled in.
+    """Return the waypoints with all fields filled in.
 
     Args:
         course: the waypoints.
@@ -114,7 +114,7 @@ def waypoint_table(course: Sequence[Waypoint] | None) -> Array:
 
 @compiled(inline=False)
 def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> ResolvedWaypoint:
-    """Return a waypoint of a `waypoint_table`, what it leaves out as in `resolved_waypoints`."""
+    """Return a waypoint of a `waypoint_table`, filled in as by `resolved_waypoints`."""
     x, y, z = hover
     values = np.array([x, y, z, 0.0, speed, ACCELERATION, _YAW_RATE, 0.0])
     for i in range(row + 1):

@@ -198,7 +198,7 @@ def advance_mission(
         return _with(state, Phase.TAKEOFF.value, leg, state.steps)
     if mode == Phase.TAKEOFF and now_s >= state.leg.end_s:
         top = _top(state, plan)
-        if _near(position, top, _ARRIVED) and norm(velocity) < _STILL:
+        if _is_within(position, top, _ARRIVED) and norm(velocity) < _STILL:
             return _with(state, Phase.HOVER.value, hold_leg(top, now_s), state.steps)
     flying = mode == Phase.HOVER and now_s >= plan.params.approach_time
     if plan.waypoints.shape[0] > 0 and (flying or mode == Phase.APPROACH):
@@ -273,7 +273,9 @@ def _corner(state: MissionState, plan: Plan, step: int) -> Point:
 def _settling(
     state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
 ) -> MissionState:
-    near = _near(position, state.leg.start, _SETTLED_RADIUS) and norm(velocity) < _SETTLED_SPEED
+    near = (
+        _is_within(position, state.leg.start, _SETTLED_RADIUS) and norm(velocity) < _SETTLED_SPEED
+    )
     since = min(state.settled_since_s, now_s) if near else math.inf
     mode, settled = state.mode, state.settled_s
     if mode == Phase.REACT and now_s - since >= _SETTLED_TIME:
@@ -305,6 +307,6 @@ def _landing(state: MissionState, now_s: float, position: Array, velocity: Array
 
 
 @compiled(inline=False)
-def _near(position: Array, point: Point, radius: float) -> bool:
+def _is_within(position: Array, point: Point, radius: float) -> bool:
     off = subtract(position, point)
     return bool(dot(off, off) < radius * radius)

@@ -1,4 +1,4 @@
-"""What the mission remembers, and why its plan waits."""
+"""Memory of the mission, and the reasons for which its plan waits."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class WaitReason(Reason):
 
 @dataclass(frozen=True)
 class MissionLimits:
-    """When the plan waits, and what it takes for granted."""
+    """Limits beyond which the plan waits, and the height of the ground."""
 
     estimate_timeout: float = param(
         0.25,
@@ -79,7 +79,7 @@ class StatusEntry(MissionStatusRecord):  # type: ignore[misc, valid-type]
 class MissionMemory(Record):
     """Memory of the mission's core."""
 
-    begun = field("1", "the first estimate has come", kind=bool)
+    has_estimate = field("1", "the first estimate has come", kind=bool)
     started = field("1", "false: waits on the ground, the plan's clock at 0", kind=bool)
     takeoff_commands = field("1", "of an operator; `auto_start` is none", kind=int)
     mode = field("1", "from here to settled_s: the `MissionState`", kind=int)
@@ -96,7 +96,7 @@ class MissionMemory(Record):
     now_ns = field("ns", "of the last step", kind=int)
     time_ns = field("ns", "flight time", kind=int)
     two_estimators = field("1", "two nodes publish odometry", kind=bool)
-    held = field("1", "an operator has said hold", kind=bool)
+    operator_hold = field("1", "an operator has said hold", kind=bool)
     reaction = field("1", "the reaction's state", kind=int)
     decided_collisions = field("1", "number of collisions in the last one; -1: none", kind=int)
     decided_place = field("m", "x_r of the last decision taken, in map", 3)
@@ -115,7 +115,7 @@ class MissionMemory(Record):
 @compiled(inline=False)
 def begin_mission(memory: MissionMemory, started: bool) -> None:
     """Forget everything but what was published."""
-    memory.begun = False
+    memory.has_estimate = False
     memory.started = started
     memory.takeoff_commands = 0
     memory.mode = Phase.IDLE
@@ -125,7 +125,7 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
     memory.now_ns = NEVER
     memory.time_ns = 0
     memory.two_estimators = False
-    memory.held = False
+    memory.operator_hold = False
     memory.reaction = ReactionPhase.IDLE
     memory.decided_collisions = NEVER
     memory.decided_place = memory.escape = UNKNOWN

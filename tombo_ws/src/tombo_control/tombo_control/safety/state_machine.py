@@ -16,12 +16,12 @@ from tombo_dynamics.jit import compiled
 
 
 class SafetyState(IntEnum):
-    """What the controller commands."""
+    """Commands of the controller."""
 
     command: str
 
     def __new__(cls, value: int, command: str = "") -> SafetyState:
-        """Make a member of its number and of what is commanded in it."""
+        """Make a member of its number and its command."""
         member = int.__new__(cls, value)
         member._value_ = value
         member.command = command
@@ -168,12 +168,12 @@ TABLE: tuple[Row, ...] = (
 _ROWS = np.array(TABLE, dtype=np.int64)
 _FIRST = np.array([next(i for i, r in enumerate(TABLE) if r.state == s) for s in SafetyState])
 _LAST = np.array([max(i for i, r in enumerate(TABLE) if r.state == s) for s in SafetyState])
-STAYS = -1
+NO_ROW = -1
 
 
 @compiled
 def deciding_row(state: int, conditions: int) -> int:
-    """Return the row of `TABLE` that decides, or `STAYS`.
+    """Return the row of `TABLE` that decides, or `NO_ROW`.
 
     Args:
         state: a `SafetyState`.
@@ -182,7 +182,7 @@ def deciding_row(state: int, conditions: int) -> int:
     for i in range(_FIRST[state], _LAST[state] + 1):
         if conditions >> _ROWS[i, 1] & 1:
             return i
-    return STAYS
+    return NO_ROW
 
 
 @compiled

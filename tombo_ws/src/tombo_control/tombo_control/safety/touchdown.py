@@ -1,4 +1,4 @@
-"""Whether the vehicle stands on the ground: by what the accelerometer shows and the rotors give.
+"""Test whether the vehicle stands on the ground, by accelerometer and thrust.
 
 In flight the accelerometer shows the thrust over the mass, and the drag, whatever the manoeuvre;
 a vehicle at rest on the ground shows gravity, however little its rotors give. So the test is the
@@ -36,7 +36,7 @@ _LEVEL, _OVERTURNED = math.cos(0.35), math.cos(1.0)
 
 
 class Touchdown(Record):
-    """What the test remembers."""
+    """Memory of the ground test."""
 
     thrust = field("N", "that the rotors were asked for, behind their lag")
     smooth_thrust = field("N", "the same, smoothed")
@@ -44,10 +44,8 @@ class Touchdown(Record):
     scale = field("1", "thrust over thrust asked for, and over nominal mass: 1 as expected")
     push = field("1", "share of the weight that something else carries")
     impulse = field("m/s", "speed that this push has given or taken in the last moments")
-    contact_ticks = field("1", "it has stood on the ground for so long", kind=int)
-    overturned_ticks = field("1", "it has lain on its side for so long", kind=int)
-    longest_aloft = field("1", "most contact_ticks while its height was known to be more than"
-                          " 0.15 m", kind=int)  # fmt: skip
+    contact_ticks = field("1", "time on the ground [ticks]", kind=int)
+    overturned_ticks = field("1", "time on its side [ticks]", kind=int)
 
 
 @compiled
@@ -60,7 +58,6 @@ def begin_touchdown(memory: Touchdown) -> None:
     memory.impulse = 0.0
     memory.contact_ticks = 0
     memory.overturned_ticks = 0
-    memory.longest_aloft = 0
     memory.force = (0.0, 0.0, GRAVITY)
 
 
@@ -72,7 +69,6 @@ def observe_ground(
     accel: Array,
     ticks: int,
     learns: bool,
-    aloft: bool,
 ) -> None:
     """Take one sample; `contact_ticks` and `overturned_ticks` count on or begin anew.
 
@@ -82,8 +78,7 @@ def observe_ground(
         autopilot: thrust asked for, rates, attitude, nominal vehicle.
         accel: (3) specific force [m/s^2], base_link; not finite: the last one is taken.
         ticks: of 1 ms, since the last sample.
-        learns: it flies well above the ground: thrust is compared with what is asked for.
-        aloft: its height is known to be more than 0.15 m: contact now would be an error.
+        learns: it flies well above the ground: the scale of the thrust is learnt.
     """
     nominal, rates = autopilot.nominal, autopilot.state.rates
     commanded = 0.0
@@ -107,8 +102,6 @@ def observe_ground(
     rests = abs(total - GRAVITY) < _REST_FORCE * GRAVITY and turning < _REST_RATE
     if rests and z > _LEVEL * total and memory.push > params.touchdown_push:
         memory.contact_ticks += ticks
-        if aloft:
-            memory.longest_aloft = max(memory.longest_aloft, memory.contact_ticks)
     else:
         memory.contact_ticks = 0
     if rests and z < _OVERTURNED * total:

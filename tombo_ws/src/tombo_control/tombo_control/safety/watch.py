@@ -14,7 +14,7 @@ from tombo_control.loops.position_control import BLIND_SPEED, LANDING_SPEED
 from tombo_control.safety.flight_volume import outside_volume
 from tombo_control.safety.params import LEAST_TILT_MAX, FlightVolume, SafetyParams
 from tombo_control.safety.state_machine import (
-    STAYS,
+    NO_ROW,
     Condition,
     SafetyState,
     deciding_row,
@@ -42,19 +42,19 @@ _REST_SPEED, _BOOT_REST = 0.3, 3 * TICK_HZ // 2
 _TAKEOFF_SETPOINT, _TAKEOFF_GRACE = 0.6, TICK_HZ
 """m: the first set point; ticks: after this a take-off is refused."""
 _JUMP = 0.3
-"""m: an estimate that moves so far from one tick to the next was moved, not the vehicle."""
-_DOWN_HEIGHT, _RETURN_HEIGHT, _ALOFT_HEIGHT, _LEARN_HEIGHT = 0.15, 0.4, 0.15, 0.5
+"""m: an estimate that moves by more in one tick has jumped; the vehicle has not."""
+_DOWN_HEIGHT, _RETURN_HEIGHT, _LEARN_HEIGHT = 0.15, 0.4, 0.5
 """m above the place of take-off."""
 _RETURN_DISTANCE, _RETURN_TICKS = 3.0, 3 * TICK_HZ // 10
 _UPRIGHT = math.cos(LEAST_TILT_MAX)
 _STUCK_SPEED, _STUCK_TICKS = 0.1, 3 * TICK_HZ
 _OVERTURNED_TICKS = TICK_HZ
 _ANSWER_TICKS = TICK_HZ
-"""After a silence of the gyro the position has so long to come back."""
+"""Time for the position to come back after a silence of the gyro."""
 
 
 class Watch(Record):
-    """What the watch remembers of a flight."""
+    """Memory of the watch over one flight."""
 
     params = field("", "its limits", kind=SafetyParams)
     volume = field("", "where the vehicle may fly", kind=FlightVolume)
@@ -64,15 +64,15 @@ class Watch(Record):
     since = field("1", "tick at which the state began", kind=int)
     requests = field("1", "bits of `Condition`: kill, abort, new flight, until they are used",
                      kind=int)  # fmt: skip
-    begun = field("1", "it has been in command", kind=bool)
+    has_commanded = field("1", "it has been in command", kind=bool)
     idle_seen = field("1", "phase idle, or a command, with the rotors off", kind=bool)
     takeoff_commands = field("1", "that had been given when it latched", kind=int)
-    takeoff_ticks = field("1", "a take-off is asked for since so long", kind=int)
-    rest_ticks = field("1", "at rest since so long", kind=int)
-    known_ticks = field("1", "the position is known since so long", kind=int)
-    limit_ticks = field("1", "a limit is broken since so long", kind=int)
-    stuck_ticks = field("1", "it does not sink since so long", kind=int)
-    gap = field("1", "the gyro was silent for so long, negative: the clock was set back; 0: not",
+    takeoff_ticks = field("1", "ticks for which a take-off has been asked for", kind=int)
+    rest_ticks = field("1", "ticks at rest", kind=int)
+    known_ticks = field("1", "ticks with a known position", kind=int)
+    limit_ticks = field("1", "ticks beyond a limit", kind=int)
+    stuck_ticks = field("1", "ticks without sinking", kind=int)
+    gap = field("1", "ticks of silence of the gyro; negative: the clock was set back; 0: none",
                 kind=int)  # fmt: skip
     replaced = field("1", "tick at which the gyro came back from a silence; -1: not, or the "
                      "position is known since", kind=int)  # fmt: skip
@@ -90,10 +90,10 @@ class Watch(Record):
 def begin_watch(watch: Watch) -> None:
     """Begin as a controller that has just started."""
     watch.state = SafetyState.OFF
-    watch.row = STAYS
+    watch.row = NO_ROW
     watch.since = 0
     watch.requests = 0
-    watch.begun = False
+    watch.has_commanded = False
     watch.idle_seen = False
     watch.takeoff_commands = 0
     watch.has_place = False
@@ -113,8 +113,8 @@ def begin_watch(watch: Watch) -> None:
 def begin_in_flight(watch: Watch) -> None:
     """Be in command of a vehicle that flies already: in recordings and tests."""
     watch.state = SafetyState.FLY
-    watch.row = STAYS
-    watch.begun = True
+    watch.row = NO_ROW
+    watch.has_commanded = True
 
 
 @compiled
@@ -133,7 +133,7 @@ def descends(watch: Watch) -> bool:
 
 
 @compiled
-def watch_flight(
+def update_safety_state(
     watch: Watch,
     autopilot: Autopilot,
     accel: Array,
@@ -143,9 +143,9 @@ def watch_flight(
     ticks: int,
     due: bool,
     known: bool,
-    held: bool,
+    setpoint_late: bool,
 ) -> None:
-    """Judge a gyro sample; write `state`.
+    """Update the safety state with a gyro sample; write `state`.
 
     Args:
         watch: its memory, changed.
@@ -155,50 +155,51 @@ def watch_flight(
         phase: of the last set point; `NO_PHASE`: none has come.
         tick: of the sample.
         ticks: since the last one.
-        due: the position loop is due; the position is judged then alone.
+        due: the position loop is due; only then a lost position counts.
         known: the position is known.
-        held: no set point has come in time.
+        setpoint_late: no set point has come in time.
     """
     state = autopilot.state
     height = state.position[2] - watch.home[2]
     flies = not rotors_off(watch)
-    aloft = flies and known and height > _ALOFT_HEIGHT
-    learns = aloft and height > _LEARN_HEIGHT and not descends(watch)
-    observe_ground(watch.touchdown, watch.params, autopilot, accel, ticks, learns, aloft)
+    learns = flies and known and height > _LEARN_HEIGHT and not descends(watch)
+    observe_ground(watch.touchdown, watch.params, autopilot, accel, ticks, learns)
     loops = autopilot.loops
     stopped = loops.reached_speed and watch.touchdown.impulse > TOUCH_IMPULSE
     if descends(watch) and stopped and not loops.touched:
         loops.touched = True
         loops.touch_speed = state.velocity[2]
-    _count(watch, state, phase, tick, ticks, known)
+    _update_counters(watch, state, phase, tick, ticks, known)
     if flies:
-        conditions = _conditions_aloft(watch, state, phase, tick, due, known, held)
+        conditions = _conditions_aloft(watch, state, phase, tick, due, known, setpoint_late)
     else:
         conditions = _conditions_on_ground(watch, state, setpoint, phase, ticks, known)
     conditions |= watch.requests
     watch.requests = 0
     watch.gap = 0
     row = deciding_row(watch.state, conditions)
-    if row != STAYS:
+    if row != NO_ROW:
         _enter(watch, autopilot, setpoint.takeoff_commands, row, tick)
 
 
 @compiled
-def _far(a: Array, b: Array, limit: float) -> bool:
+def _is_apart(a: Array, b: Array, limit: float) -> bool:
     off = subtract(a, b)
     return bool(not dot(off, off) <= limit * limit)
 
 
 @compiled
-def _far_across(a: Array, b: Array, limit: float) -> bool:
-    """Return whether two places are further apart than that, horizontally."""
+def _is_apart_horizontally(a: Array, b: Array, limit: float) -> bool:
+    """Return whether the horizontal distance of two places exceeds `limit` [m]."""
     x, y = a[0] - b[0], a[1] - b[1]
     return bool(not x * x + y * y <= limit * limit)
 
 
 @compiled
-def _count(watch: Watch, state: Any, phase: int, tick: int, ticks: int, known: bool) -> None:
-    """Count how long what is measured has been so."""
+def _update_counters(
+    watch: Watch, state: Any, phase: int, tick: int, ticks: int, known: bool
+) -> None:
+    """Update the counters of how long each measured condition has lasted."""
     v, limits = state.velocity, watch.params
     speed = norm(v)
     _, _, upright = rotated(state.attitude, (0.0, 0.0, 1.0))
@@ -209,13 +210,13 @@ def _count(watch: Watch, state: Any, phase: int, tick: int, ticks: int, known: b
         watch.replaced = _NEVER
     watch.rest_ticks = watch.rest_ticks + ticks if known and speed < _REST_SPEED else 0
     fast = known and not speed <= limits.speed_max
-    # most of the time there is no cosine to compute
+    # the first comparison saves a cosine in most ticks
     tilted = not upright >= _UPRIGHT and not upright >= math.cos(limits.tilt_max)
     out = known and outside_volume(state.position, watch.volume) > watch.volume.margin
     watch.limit_ticks = watch.limit_ticks + ticks if fast or tilted or out else 0
     stuck = phase == Phase.LAND and abs(v[2]) < _STUCK_SPEED
     watch.stuck_ticks = watch.stuck_ticks + ticks if stuck else 0
-    moved = watch.has_place and _far_across(state.position, watch.place, _JUMP)
+    moved = watch.has_place and _is_apart_horizontally(state.position, watch.place, _JUMP)
     if known and not moved:
         watch.has_place = True
         watch.place = state.position
@@ -228,7 +229,7 @@ def _bit(condition: int, holds: bool) -> int:
 
 @compiled
 def _conditions_aloft(
-    watch: Watch, state: Any, phase: int, tick: int, due: bool, known: bool, held: bool
+    watch: Watch, state: Any, phase: int, tick: int, due: bool, known: bool, setpoint_late: bool
 ) -> int:
     limits, lasted = watch.params, (tick - watch.since) * TICK_S
     height = state.position[2] - watch.home[2]
@@ -238,11 +239,11 @@ def _conditions_aloft(
     conditions |= _bit(Condition.POSITION_LOST, watch.gap != 0 or (due and not known))
     if watch.state == SafetyState.BLIND and watch.known_ticks >= _RETURN_TICKS:
         back = watch.may_return and lasted <= limits.return_time and height > _RETURN_HEIGHT
-        back = back and not _far(state.position, watch.lost, _RETURN_DISTANCE)
+        back = back and not _is_apart(state.position, watch.lost, _RETURN_DISTANCE)
         conditions |= _bit(Condition.POSITION_BACK, back)
         conditions |= _bit(Condition.POSITION_LATE, True)
-    conditions |= _bit(Condition.SETPOINT_SILENT, held)
-    conditions |= _bit(Condition.SETPOINT_BACK, not held)
+    conditions |= _bit(Condition.SETPOINT_SILENT, setpoint_late)
+    conditions |= _bit(Condition.SETPOINT_BACK, not setpoint_late)
     conditions |= _bit(Condition.HOLD_OVER, lasted > limits.hold_time)
     conditions |= _bit(Condition.LIMIT, watch.limit_ticks * TICK_S > limits.limit_time)
     conditions |= _bit(Condition.LAND_STUCK, watch.stuck_ticks >= _STUCK_TICKS)
@@ -268,17 +269,17 @@ def _conditions_on_ground(
     conditions |= _bit(Condition.DOWN, ground_phase and watch.rest_ticks >= _BOOT_REST)
     if watch.state == SafetyState.OFF and phase == Phase.IDLE:
         watch.idle_seen = True
-    wants = phase == Phase.TAKEOFF and (watch.idle_seen or not watch.begun)
+    wants = phase == Phase.TAKEOFF and (watch.idle_seen or not watch.has_commanded)
     watch.takeoff_ticks = watch.takeoff_ticks + ticks if wants else 0
     if wants:
         _, _, upright = rotated(state.attitude, (0.0, 0.0, 1.0))
         ready = known and upright >= math.cos(watch.params.takeoff_tilt)
         rested = min(watch.rest_ticks, watch.takeoff_ticks)
         ready = ready and rested >= (1 if watch.idle_seen else _BOOT_REST)
-        ready = ready and not _far_across(
+        ready = ready and not _is_apart_horizontally(
             state.position, watch.place, watch.params.takeoff_distance
         )
-        ready = ready and not _far(state.position, setpoint.position, _TAKEOFF_SETPOINT)
+        ready = ready and not _is_apart(state.position, setpoint.position, _TAKEOFF_SETPOINT)
         conditions |= _bit(Condition.TAKEOFF, ready)
     refused = watch.idle_seen and watch.takeoff_ticks > _TAKEOFF_GRACE
     conditions |= _bit(Condition.TAKEOFF_REFUSED, refused)
@@ -300,7 +301,7 @@ def _enter(watch: Watch, autopilot: Autopilot, commands: int, row: int, tick: in
     if watch.state == SafetyState.FLY and before != SafetyState.HOLD:
         if before != SafetyState.BLIND:
             watch.home = state.position
-        watch.begun = True
+        watch.has_commanded = True
         watch.idle_seen = False
     elif watch.state == SafetyState.BLIND:
         watch.may_return = before == SafetyState.FLY or before == SafetyState.HOLD

@@ -17,12 +17,8 @@ from tombo_dynamics.propeller import (
     nodus_moduli,
     parameter_row,
     read_library,
-    speed_for_thrust,
-    sweep,
     thrust_map,
     valid_speed,
-    with_joint,
-    with_nodus,
 )
 from tombo_dynamics.propeller.effects import check_stand_theta
 from tombo_dynamics.propeller.library import DATA
@@ -46,22 +42,7 @@ CALLS = [
     (lambda: valid_speed(13, ["repaired"]), "unknown law.*accepted"),
     (lambda: thrust_map("13"), "unknown configuration '13'.*accepted"),
     *((lambda w=w: thrust_map(13).thrust([1.0, w]), "accepted: 0 to") for w in (-1.0, math.nan)),
-    (lambda: propeller.with_section("x", lift_mean=1.0), "unknown configuration 'x'.*accepted"),
     (lambda: propeller.rotor_inertia("nine_inch"), "'nine_inch'; accepted: a Blade"),
-    (lambda: with_joint(13, mass=1.0), "unknown value of a joint 'mass'.*accepted"),
-    (lambda: with_nodus(13, foo=1), "'foo'.*accepted: .*length_mm"),
-    (lambda: with_nodus(13, fibres=2.5), r"nodus.fibres: 2\.5"),
-    (lambda: with_nodus(13, length_mm=36.0), "behind the hub's centre"),
-    (lambda: with_nodus(13, outer_radius_m=math.nan), "on the blade"),
-    (lambda: with_nodus(0, fibres=5), "rigid, a nodus for it needs matrix"),
-    *((lambda bad=bad: sweep(bad, 100.0), "accepted") for bad in ("all", [13, None])),
-    (lambda: sweep(13, [[100.0, 200.0]]), "each list is an axis"),
-    (lambda: sweep(13, []), "speed_rad_s is empty"),
-    (lambda: sweep(13, 100.0).table(thrust_N=1.0), "thrust_N is there already"),
-    (lambda: sweep(13, 100.0).table(note=[1, 2, 3, 4]), "broadcasts to"),
-    (lambda: speed_for_thrust([13, 1], 3.0), r"accepted: 0 to 1\.89"),
-    *((lambda t=t: speed_for_thrust(13, t), "accepted") for t in (-1.0, math.nan, "much")),
-    (lambda: speed_for_thrust([1, 13], [1.0, 1.0, 1.0]), "accepted: shapes that broadcast"),
     (lambda: check_stand_theta({"thrust_gian": {}}, "x"), "thrust_gain"),
     (lambda: check_stand_theta({"thrust_gain": {"error": 9.0}}, "x"), r"from -0\.6 to 1\.5"),
     (lambda: check_stand_theta({"thrust_gain": 3}, "x"), "accepted: a mapping|mapping"),
@@ -84,7 +65,7 @@ CHANGES = [
     ({"length_mm": [8, 9], "fibres": [1, 2, 3]}, "shapes that broadcast"),
 ]
 CALLS += [(lambda c=c: evaluate(13, 100.0, **c), words) for c, words in CHANGES]
-CALLS += [(lambda: evaluate([13, 0], 100.0, length_mm=10.0), "configuration 0 is rigid")]
+CALLS += [(lambda: evaluate(0, 100.0, length_mm=10.0), "configuration 0 is rigid")]
 
 
 @pytest.mark.parametrize(("call", "words"), CALLS, ids=[words for _, words in CALLS])
@@ -100,7 +81,7 @@ def test_speed_beyond_validity_names_the_valid_range(law: str) -> None:
     limit = valid_speed(1, law)
     evaluate(1, limit, law)
     with pytest.raises(InputError, match="configuration 1:") as error:
-        evaluate([[13], [1]], [100.0, 1.01 * limit], law)
+        evaluate(1, [100.0, 1.01 * limit], law)
     assert f"{limit:.6g} rad/s" in str(error.value)
     masked, kept = (evaluate(1, [100.0, 1.01 * limit], law, outside=o) for o in ("mask", "keep"))
     assert masked.valid.tolist() == kept.valid.tolist() == [True, False]

@@ -15,5 +15,5 @@ def test_the_tour_runs_and_draws(tmp_path: Path) -> None:
     run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert "hover: 4674 rpm" in run.stdout
+    assert "12 mm, hover: 4674 rpm" in run.stdout
     assert "thrust 0.613 N" in run.stdout

@@ -1,4 +1,4 @@
-"""All effects: importing this package enters every module beside this file into the registry."""
+"""All effects: importing this package enters every module of this folder into the registry."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ EffectMemories: Any = type(
         if effect.state
     },
 )
-"""A record of what the effects with `state=` remember, under their names."""
+"""A record with the memories of the effects with `state=`, under their names."""
 
 
 class SimulatedPlant(Plant):

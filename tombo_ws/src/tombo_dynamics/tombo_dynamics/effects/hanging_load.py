@@ -19,7 +19,7 @@ _SAG = GRAVITY / _CORD_FREQUENCY**2
 
 
 class LoadState(Record):
-    """What a hanging load remembers."""
+    """Memory of a hanging load."""
 
     position = field("m", "map", 3)
     velocity = field("m/s", "map", 3)

@@ -134,7 +134,7 @@ def accel_range(plant: Plant, noise: Array, limit: float) -> None:
 
 
 class LowPassState(Record):
-    """What the low-pass remembers."""
+    """Memory of the low-pass."""
 
     gyro = field("rad/s", "filtered", 3)
     accel = field("m/s^2", "filtered", 3)

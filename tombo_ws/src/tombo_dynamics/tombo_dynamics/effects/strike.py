@@ -71,7 +71,7 @@ def push_rim(
 
 
 class StrikeState(Record):
-    """What a blade strike remembers."""
+    """Memory of a blade strike."""
 
     folding = field(
         "1", "the blade swings back after a strike, until it is folded: 0 or 1", 4, kind=int

@@ -1,4 +1,4 @@
-"""What a rotor is off by: thrust coefficient, weakness, scatter, flow across it, balance."""
+"""Errors of a rotor: thrust coefficient, weakness, scatter, flow across it, balance."""
 
 from __future__ import annotations
 

@@ -1,18 +1,14 @@
 """The Tombo propeller: from materials and blade to thrust, torque and deformation.
 
-    >>> from tombo_dynamics.propeller import RPM, configuration, evaluate, sweep, with_nodus
+    >>> from tombo_dynamics.propeller import RPM, evaluate
     >>> evaluate(13, 2000 * RPM).thrust_N                         # 0.613 N
-    >>> stiff = with_nodus(configuration(13), fibres=8, length_mm=10.0)
-    >>> grid = sweep([configuration(13), stiff], 2000 * RPM, length_mm=[8, 12])
-    >>> grid.thrust_N.shape                                       # (2, 2)
-    >>> speed_for_thrust([5, 13], 1.5) / RPM                      # rpm
+    >>> evaluate(13, 2000 * RPM, length_mm=[8, 12]).thrust_N      # (2,)
 
 `docs/propeller.md` has the equations, their sources, and what measurement says against them.
 """
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.blade import RotorInertia, rotor_inertia
-from tombo_dynamics.propeller.derive import with_joint, with_nodus, with_section
 from tombo_dynamics.propeller.evaluate import (
     RPM,
     SPEED_LIMIT,
@@ -36,11 +32,9 @@ from tombo_dynamics.propeller.records import (
     Nodus,
     Surroundings,
 )
-from tombo_dynamics.propeller.sweep import OperationGrid, sweep
 from tombo_dynamics.propeller.thrust_map import (
     Peak,
     ThrustMap,
-    speed_for_thrust,
     speed_of_maximum_thrust,
     thrust_map,
     thrust_peak,
@@ -65,7 +59,6 @@ __all__ = [
     "Moduli",
     "Nodus",
     "Operation",
-    "OperationGrid",
     "Peak",
     "RotorInertia",
     "Surroundings",
@@ -79,13 +72,8 @@ __all__ = [
     "parameter_rows",
     "read_library",
     "rotor_inertia",
-    "speed_for_thrust",
     "speed_of_maximum_thrust",
-    "sweep",
     "thrust_map",
     "thrust_peak",
     "valid_speed",
-    "with_joint",
-    "with_nodus",
-    "with_section",
 ]

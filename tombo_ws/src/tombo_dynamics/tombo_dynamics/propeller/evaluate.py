@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any
@@ -26,12 +23,8 @@ from tombo_dynamics.propeller.laws.parameters import (
     parameter_row,
 )
 from tombo_dynamics.propeller.laws.points import COLUMNS, solve_points
-from tombo_dynamics.propeller.parameter_rows import (
-    broadcast_error,
-    family,
-    float_array,
-    parameter_rows,
-)
+from tombo_dynamics.propeller.library import known_configuration
+from tombo_dynamics.propeller.parameter_rows import broadcast_error, float_array, parameter_rows
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
 
 RPM = math.pi / 30.0
@@ -77,58 +70,9 @@ class Operation:
         shape = " x ".join(map(str, self.speed_rad_s.shape)) or "one point"
         return f"{type(self).__name__}({shape}, {int(self.valid.sum())} of {len(self)} valid)"
 
-    def table(self, **columns: ArrayLike) -> dict[str, NDArray[np.generic]]:
-        """Return the points as columns (n,), e.g. for pandas.DataFrame.
-
-        Args:
-            **columns: more columns to begin with, e.g. what was varied; broadcast with the points.
-
-        Raises:
-            InputError: a column that does not broadcast, or that is there already.
-        """
-        more: dict[str, NDArray[np.generic]] = {}
-        points = {f.name: getattr(self, f.name) for f in fields(Operation)}
-        shape = self.speed_rad_s.shape
-        for name, values in columns.items():
-            if name in points:
-                raise InputError(f"column {name} is there already; accepted: other names")
-            try:
-                more[name] = np.broadcast_to(np.asarray(values), shape).ravel()
-            except ValueError:
-                raise InputError(
-                    f"column {name} of shape {np.shape(values)}; accepted: what broadcasts to "
-                    f"{shape}"
-                ) from None
-        return more | {name: values.ravel() for name, values in points.items()}
-
-    def csv(self, **columns: ArrayLike) -> str:
-        """Return the table as CSV text with a head line, e.g. for `Path.write_text`.
-
-        Numbers with all their digits, speed in rpm as well, empty where there is no result.
-        """
-        table = self.table(**columns)
-        before = list(table).index("speed_rad_s")
-        names = list(table)
-        names.insert(before, "speed_rpm")
-        return csv_text({name: self.speed_rpm.ravel() if name == "speed_rpm" else table[name]
-                         for name in names})  # fmt: skip
-
-
-def csv_text(table: Mapping[str, NDArray[np.generic]]) -> str:
-    """Return columns as CSV text; NaN is empty, truth is true or false."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table)
-    writer.writerows(zip(*(map(_cell, column.tolist()) for column in table.values()), strict=True))
-    return text.getvalue()
-
-
-def _cell(value: object) -> object:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return "" if math.isnan(value) else repr(value)
-    return value
+    def table(self) -> dict[str, NDArray[np.generic]]:
+        """Return the points as columns (n,), for `pandas.DataFrame`."""
+        return {f.name: getattr(self, f.name).ravel() for f in fields(self)}
 
 
 SPEED_LIMIT = 18000.0 * RPM
@@ -146,7 +90,7 @@ class _ShapesError(InputError):
 
 
 def evaluate(
-    configuration: Any,
+    configuration: Configuration | int,
     speed_rad_s: ArrayLike,
     law: str = DEFAULT_LAW,
     surroundings: Surroundings = STANDARD,
@@ -158,12 +102,11 @@ def evaluate(
     T = rho omega^2 (A_T + cos alpha cos beta f_T(gamma)), drag and torque likewise (paper's Eq. 1
     and 8), with the nodus' angles from the law's equilibrium (`laws`).
 
-    Configurations, speeds and changes broadcast as numpy's arrays do: `evaluate(13, speeds,
-    length_mm=[[8.0], [12.0]])` has the shape (2, n). For a grid without thinking of axes there is
-    `sweep`.
+    Speeds and changes broadcast as numpy's arrays do: `evaluate(13, speeds,
+    length_mm=[[8.0], [12.0]])` has the shape (2, n).
 
     Args:
-        configuration: a Configuration, a number of Table I, or an array-like of them.
+        configuration: a Configuration, or a number of Table I.
         speed_rad_s: rotor speeds [rad/s] from 0 to SPEED_LIMIT, any shape.
         law: "published", "repaired" or "consistent".
         surroundings: air density and gravity.
@@ -178,17 +121,13 @@ def evaluate(
     """
     if outside not in OUTSIDE:
         raise unknown_name("outside", outside, OUTSIDE)
-    if isinstance(configuration, Configuration) and not changes:
-        rows = parameter_row(configuration, law, surroundings)
-    else:
-        rows = parameter_rows(configuration, law, surroundings, **changes)
+    rows = parameter_rows(configuration, law, surroundings, **changes)
     try:
         operation = evaluate_rows(
             rows, speed_rad_s, law, "keep" if outside == "error" else outside
         )
     except _ShapesError:
-        arguments = {"speed_rad_s": speed_rad_s, **changes}
-        raise broadcast_error(family(configuration), arguments) from None
+        raise broadcast_error({"speed_rad_s": speed_rad_s, **changes}) from None
     if outside == "error" and not operation.valid.all():
         raise _not_valid(operation, configuration, rows, law)
     return operation
@@ -306,13 +245,14 @@ def valid_speed_of_rows(rows: ArrayLike, law: str) -> Array:
     return np.where(whole, SPEED_LIMIT, low)
 
 
-def _not_valid(operation: Operation, configuration: Any, rows: Array, law: str) -> InputError:
+def _not_valid(
+    operation: Operation, configuration: Configuration | int, rows: Array, law: str
+) -> InputError:
     """Build the error for the first point that is not valid."""
     place = np.unravel_index(int(np.argmin(operation.valid)), operation.valid.shape)
     shape = operation.valid.shape
     row = np.broadcast_to(rows, (*shape, ROW_SIZE))[place]
-    chosen = family(configuration)
-    member = chosen.members[int(np.broadcast_to(chosen.index, shape)[place])]
+    member = known_configuration(configuration)
     worst, limit = float(operation.speed_rad_s[place]), float(valid_speed_of_rows(row, law))
     return InputError(
         f"speed {worst:.6g} rad/s ({worst / RPM:.6g} rpm) is outside the validity of law {law} "

@@ -116,7 +116,7 @@ class PlainPropeller:
 
 
 IMPACTS = ("rigid", "breaks", "folds")
-"""What a plain propeller does when it strikes: it stays whole, breaks, or folds as a nodus."""
+"""Behaviour of a plain propeller in a strike: it stays whole, breaks, or folds as a nodus."""
 _SAME_LENGTH = 5e-4
 """m: two radii that differ by less are the same."""
 
@@ -185,7 +185,7 @@ def library_of(choice: PropellerChoice) -> Library:
     """Return the built-in library, with the one of the choice's folder over it.
 
     Raises:
-        InputError: there is no such folder, or what is in it does not fit.
+        InputError: the folder does not exist, or its content does not fit.
     """
     if not isinstance(choice.library, str):
         raise InputError(
@@ -259,7 +259,7 @@ def check_choice(choice: PropellerChoice) -> None:
 
 
 def thrust_map_of(choice: PropellerChoice) -> ThrustMap | PlainPropeller:
-    """Return thrust and torque over speed of what is mounted.
+    """Return thrust and torque over speed of the mounted propeller.
 
     Raises:
         InputError: as `check_choice`.
@@ -271,7 +271,7 @@ def thrust_map_of(choice: PropellerChoice) -> ThrustMap | PlainPropeller:
 
 
 def mounted_rotors(choice: PropellerChoice, vehicle: VehicleParams) -> RotorMaps:
-    """Return the table of a vehicle's rotors with what is mounted.
+    """Return the table of a vehicle's rotors with the mounted propeller.
 
     Raises:
         InputError: as `thrust_map_of` and `rotor_maps`.
@@ -338,8 +338,8 @@ def propeller_performance(
 ) -> dict[str, float]:
     """Return Table III's figures that the simulation uses for a configuration.
 
-    A configuration that was not measured, such as 1 to 4, gets the mean over the measured ones
-    with the same silicone, or over all where there is none. The rigid propeller has no recovery.
+    A configuration without measurements, such as 1 to 4, gets the mean over the measured ones with
+    the same silicone, or over all. The rigid propeller has no recovery.
 
     Args:
         chosen: the configuration.

@@ -1,4 +1,4 @@
-"""Rows of parameters for many propellers at once: configurations, and named quantities changed.
+"""Rows of parameters for many propellers at once: a configuration with named quantities changed.
 
 A row is what a law is given (`laws.parameters`). Changed quantities are arrays; what does not
 depend on them is not computed again.
@@ -6,12 +6,11 @@ depend on them is not computed again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown, unknown_name
@@ -21,11 +20,11 @@ from tombo_dynamics.propeller.laws.parameters import (
     OF_THE_WING,
     ROW_SIZE,
     SCALARS,
-    law_number,
+    checked,
     parameter_row,
     put_wing,
 )
-from tombo_dynamics.propeller.library import configuration, read_library
+from tombo_dynamics.propeller.library import read_library
 from tombo_dynamics.propeller.quantities import (
     COMPLIANCES,
     QUANTITIES,
@@ -41,44 +40,8 @@ _WING_FOLLOWS = ("wing_mass_kg", "wing_centroid_m")
 _RADII_AT_ONCE = 4096
 
 
-@dataclass(frozen=True, eq=False)
-class Family:
-    """Propellers that share a law: some configurations, and where each stands in an array."""
-
-    members: tuple[Configuration, ...]
-    """Each configuration once."""
-    index: NDArray[np.int64]
-    """Any shape: which member."""
-
-
-def family(configurations: Any) -> Family:
-    """Return the configurations in an array-like of numbers and Configurations, any shape.
-
-    Raises:
-        InputError: none at all, an unknown number, or something else.
-    """
-    if isinstance(configurations, Configuration):
-        return Family((configurations,), np.zeros((), dtype=np.int64))
-    if isinstance(configurations, Iterable) and not isinstance(configurations, str | np.ndarray):
-        configurations = list(configurations)
-    try:
-        items = np.array(configurations, dtype=object)
-    except ValueError:
-        raise InputError(
-            f"configurations {shown(configurations)}; accepted: lists of equal length"
-        ) from None
-    members: dict[Configuration, int] = {}
-    index = np.empty(items.shape, dtype=np.int64)
-    for place, item in np.ndenumerate(items):
-        chosen = item if isinstance(item, Configuration) else configuration(item)
-        index[place] = members.setdefault(chosen, len(members))
-    if not members:
-        raise InputError("no configuration at all; accepted: one or more")
-    return Family(tuple(members), index)
-
-
 def checked_changes(changes: Mapping[str, Any]) -> dict[str, dict[str, Array]]:
-    """Return by changed name the quantities that it stands for: a material for its moduli.
+    """Return by changed name its quantities: a material is replaced by its moduli.
 
     Raises:
         InputError: an unknown name, no number, or one out of its bounds.
@@ -99,49 +62,44 @@ def checked_changes(changes: Mapping[str, Any]) -> dict[str, dict[str, Array]]:
 
 
 def parameter_rows(
-    configurations: Any,
+    configuration: Configuration | int,
     law: str = DEFAULT_LAW,
     surroundings: Surroundings = STANDARD,
     **changes: Any,
 ) -> Array:
-    """Return rows (..., ROW_SIZE) of configurations with named quantities changed.
+    """Return rows (..., ROW_SIZE) of a configuration with named quantities changed.
 
     Args:
-        configurations: a Configuration, a number of Table I, or an array-like of them.
+        configuration: a Configuration, or a number of Table I.
         law: "published", "repaired" or "consistent".
         surroundings: air density and gravity.
         **changes: by name of `QUANTITIES`, numbers of any shape; and `matrix` or `fibre`, records
-            or names of the built-in ones. All broadcast with each other and with
-            `configurations`. Along with `outer_radius_m` the wing's mass and centroid change,
-            unless they are given; what belongs to the joint's section stays.
+            or names of the built-in ones. All broadcast with each other. Along with
+            `outer_radius_m` the wing's mass and centroid change, unless they are given; what
+            belongs to the joint's section stays.
 
     Raises:
         InputError: what is not accepted, or a quantity without effect: hidden by another one,
             unknown to the law, or of a nodus where there is none.
     """
-    law_number(law)
-    chosen = family(configurations)
+    chosen, law, surroundings = checked(configuration, law, surroundings)
+    if not changes:
+        return parameter_row(chosen, law, surroundings)
     groups = checked_changes(changes)
     _check_effect(chosen, law, groups)
     values = {name: value for group in groups.values() for name, value in group.items()}
-    shape = _common_shape(chosen, values)
-    base = np.stack([parameter_row(c, law, surroundings) for c in chosen.members])
-    index = np.broadcast_to(chosen.index, shape)
-    rows = base[index]
-    if not values:
-        return rows
-    inputs = [inputs_of(c, law, surroundings) for c in chosen.members]
-    names = set.intersection(*(set(row_inputs) for row_inputs in inputs))
-    known: dict[str, Any] = {
-        name: np.array([row_inputs[name] for row_inputs in inputs])[chosen.index] for name in names
-    }
+    try:
+        shape = np.broadcast_shapes(*(value.shape for value in values.values()))
+    except ValueError:
+        raise broadcast_error(values) from None
+    rows = np.array(np.broadcast_to(parameter_row(chosen, law, surroundings), (*shape, ROW_SIZE)))
+    known: dict[str, Any] = dict(inputs_of(chosen, law, surroundings))
     moved = values.get("outer_radius_m")
     if "length_mm" in values or moved is not None:
         _check_length(known | values)
     if moved is not None:
-        _move(rows, chosen, index, np.broadcast_to(moved, shape), known)
-    for name in values:
-        known[name] = values[name]
+        _move(rows, chosen, np.broadcast_to(moved, shape), known)
+    known |= values
     changed = (*values, *(_WING_FOLLOWS if moved is not None else ()))
     for name, sources in reached(law, changed, tuple(SCALARS)).items():
         if sources:
@@ -154,30 +112,26 @@ def parameter_rows(
     return rows
 
 
-def _move(
-    rows: Array, chosen: Family, index: NDArray[np.int64], radius: Array, known: dict[str, Any]
-) -> None:
-    """Let the wings begin at other radii [m]: integrals, mass and centroid."""
-    mass, centroid = np.empty(rows.shape[:-1]), np.empty(rows.shape[:-1])
-    for number, member in enumerate(chosen.members):
-        members, blade = index == number, member.blade
-        radii, back = np.unique(radius[members], return_inverse=True)
-        low, high = blade.pieces[0].start_m, blade.pieces[-1].end_m
-        outside = ~((radii > low) & (radii < high))
-        if outside.any():
-            raise InputError(
-                f"outer_radius_m {radii[outside][0]:g} is outside of blade {blade.name}; "
-                f"accepted: between {low} and {high} m"
-            )
-        moved = np.empty((radii.size, ROW_SIZE))
-        weights, centres = np.empty(radii.size), np.empty(radii.size)
-        for start in range(0, radii.size, _RADII_AT_ONCE):
-            part = slice(start, start + _RADII_AT_ONCE)
-            put_wing(moved[part], wing_from(blade, radii[part]))
-            weights[part], centres[part] = wing_mass_from(blade, radii[part])
-        rows[members] = np.where(OF_THE_WING, moved[back], rows[members])
-        mass[members], centroid[members] = weights[back], centres[back]
-    known["wing_mass_kg"], known["wing_centroid_m"] = mass, centroid
+def _move(rows: Array, chosen: Configuration, radius: Array, known: dict[str, Any]) -> None:
+    """Let the wing begin at other radii [m]: integrals, mass and centroid."""
+    blade = chosen.blade
+    radii, back = np.unique(radius, return_inverse=True)
+    back = back.reshape(radius.shape)
+    low, high = blade.pieces[0].start_m, blade.pieces[-1].end_m
+    outside = ~((radii > low) & (radii < high))
+    if outside.any():
+        raise InputError(
+            f"outer_radius_m {radii[outside][0]:g} is outside of blade {blade.name}; "
+            f"accepted: between {low} and {high} m"
+        )
+    moved = np.empty((radii.size, ROW_SIZE))
+    mass, centroid = np.empty(radii.size), np.empty(radii.size)
+    for start in range(0, radii.size, _RADII_AT_ONCE):
+        part = slice(start, start + _RADII_AT_ONCE)
+        put_wing(moved[part], wing_from(blade, radii[part]))
+        mass[part], centroid[part] = wing_mass_from(blade, radii[part])
+    rows[...] = np.where(OF_THE_WING, moved[back], rows)
+    known["wing_mass_kg"], known["wing_centroid_m"] = mass[back], centroid[back]
 
 
 def _check_length(known: Mapping[str, Any]) -> None:
@@ -192,7 +146,9 @@ def _check_length(known: Mapping[str, Any]) -> None:
         )
 
 
-def _check_effect(chosen: Family, law: str, groups: Mapping[str, Mapping[str, Array]]) -> None:
+def _check_effect(
+    chosen: Configuration, law: str, groups: Mapping[str, Mapping[str, Array]]
+) -> None:
     names = tuple(part for group in groups.values() for part in group)
     by_number = reached(law, names, tuple(SCALARS))
     effective = set().union(*by_number.values(), {"outer_radius_m"})
@@ -210,25 +166,16 @@ def _check_effect(chosen: Family, law: str, groups: Mapping[str, Mapping[str, Ar
             "or consistent"
         )
     of_nodus = set().union(*(by_number[name] for name in COMPLIANCES))
-    for member in chosen.members:
-        if member.rigid and of_nodus:
-            raise InputError(
-                f"{sorted(of_nodus)[0]}: {member.label} is rigid, it has no nodus; accepted: "
-                "configurations with a nodus"
-            )
+    if chosen.rigid and of_nodus:
+        raise InputError(
+            f"{sorted(of_nodus)[0]}: {chosen.label} is rigid, it has no nodus; accepted: "
+            "a configuration with a nodus"
+        )
 
 
-def _common_shape(chosen: Family, values: Mapping[str, Any]) -> tuple[int, ...]:
-    try:
-        return np.broadcast_shapes(chosen.index.shape, *(v.shape for v in values.values()))
-    except ValueError:
-        raise broadcast_error(chosen, values) from None
-
-
-def broadcast_error(chosen: Family, values: Mapping[str, Any]) -> InputError:
+def broadcast_error(values: Mapping[str, Any]) -> InputError:
     """Build the error for shapes that do not broadcast."""
-    shapes = {"configurations": chosen.index.shape} | {n: np.shape(v) for n, v in values.items()}
-    text = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+    text = ", ".join(f"{name} {np.shape(value)}" for name, value in values.items())
     return InputError(f"shapes {text}; accepted: shapes that broadcast")
 
 
@@ -236,7 +183,7 @@ def float_array(name: str, value: ArrayLike, accepted: str) -> Array:
     """Return numbers of any shape as floats.
 
     Raises:
-        InputError: text, None, lists of unequal length: anything that is no number.
+        InputError: text, None, lists of unequal length: anything but numbers.
     """
     try:
         raw = np.asarray(value)

@@ -90,7 +90,7 @@ _ANY = 1e12
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """What may be given by name: its unit, its bounds, and whether it counts things."""
+    """A quantity that may be given by name: unit, bounds, and whether it is a count."""
 
     unit: str
     bounds: tuple[float, float]
@@ -117,7 +117,7 @@ INPUTS: dict[str, Quantity] = {
     **_fields(Surroundings),
     **_fields(PublishedTorsion),
 }
-"""What the records hold; the modulus of the matrix stands for its tensile test."""
+"""Fields of the records, with the modulus of the matrix in place of its tensile test."""
 
 DERIVED: dict[str, Quantity] = {
     "E_N_MPa": _MODULUS,
@@ -141,7 +141,7 @@ DERIVED: dict[str, Quantity] = {
     "lift_rate": Quantity("1", (0.1, 10.0)),
     "drag_rate": Quantity("1", (0.1, 10.0)),
 }
-"""What follows from the inputs, and may be given in their place: `laws.parameters.SCALARS`."""
+"""Quantities that follow from the inputs, and may replace them: `laws.parameters.SCALARS`."""
 
 QUANTITIES = INPUTS | DERIVED
 
@@ -214,7 +214,7 @@ def formulas(law: str) -> Mapping[str, Formula]:
 def reached(law: str, changed: tuple[str, ...], targets: tuple[str, ...]) -> dict[str, set[str]]:
     """Return by wanted quantity which of the changed ones it depends on.
 
-    What is changed is given, so the formulas behind it no longer count.
+    A changed quantity is given: its own formula no longer counts.
     """
     table = formulas(law)
 
@@ -228,7 +228,7 @@ def reached(law: str, changed: tuple[str, ...], targets: tuple[str, ...]) -> dic
 
 
 def derive(name: str, known: dict[str, Any], law: str) -> Any:
-    """Return a quantity from those that are known, and remember it there."""
+    """Return a quantity from the known ones, and enter it there."""
     if name not in known:
         function, needed = formulas(law)[name]
         known[name] = function(*(derive(other, known, law) for other in needed))

@@ -1,6 +1,6 @@
-"""What a propeller is made of: frozen records, as read from the data files.
+"""The parts of a propeller: frozen records, as read from the data files.
 
-A field's unit stands in its name, as in the data files; the laws get SI from `laws.parameters`.
+A field's name has its unit, as in the data files; the laws get SI from `laws.parameters`.
 """
 
 from __future__ import annotations
@@ -197,7 +197,7 @@ class Configuration:
     printed_G_N_MPa: float | None = quantity("MPa", 0.0, 1e6, default=None)
     measured: Measurement | None = None
     name: str = ""
-    """What it is called where a number says too little, e.g. one derived from another."""
+    """Its name where the number is not enough, e.g. one derived from another."""
 
     @property
     def label(self) -> str:

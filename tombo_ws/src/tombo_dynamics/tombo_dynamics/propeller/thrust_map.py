@@ -1,4 +1,4 @@
-"""The first maximum of thrust over speed, the speed for a thrust below it, and the thrust map.
+"""The first maximum of thrust over speed, and the thrust map.
 
 A thrust map has thrust and torque over speed as tables, from which the simulator's table is made.
 Beyond the speed of maximum thrust more speed means less thrust, and control would reverse; so a
@@ -15,15 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.propeller.evaluate import OUTSIDE, SPEED_LIMIT, evaluate_rows, points_of_rows
+from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller.evaluate import SPEED_LIMIT, evaluate_rows
 from tombo_dynamics.propeller.laws.parameters import DEFAULT_LAW, ROW_SIZE, checked, parameter_row
-from tombo_dynamics.propeller.parameter_rows import (
-    broadcast_error,
-    family,
-    float_array,
-    parameter_rows,
-)
+from tombo_dynamics.propeller.parameter_rows import parameter_rows
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
 
 
@@ -58,7 +53,6 @@ def cubic_values(coeffs: Array, step: float, x: Array) -> Array:
 _GRID = 91
 _LEVELS = 6
 _ROWS_AT_ONCE = 4096
-_MOST_STEPS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,75 +72,25 @@ class Peak:
 
 
 def thrust_peak(
-    configurations: Any,
+    configuration: Configuration | int,
     law: str = DEFAULT_LAW,
     surroundings: Surroundings = STANDARD,
     **changes: Any,
 ) -> Peak:
-    """Return the first maximum of thrust up to 18 000 rpm of propellers, all that are asked for.
+    """Return the first maximum of thrust up to 18 000 rpm.
 
     Beyond it more speed means less thrust, and control would reverse.
 
     Args:
-        configurations: a Configuration, a number of Table I, or an array-like of them.
+        configuration: a Configuration, or a number of Table I.
         law: "published", "repaired" or "consistent".
         surroundings: air density and gravity.
-        **changes: quantities that differ from the configurations', see `parameter_rows`.
+        **changes: quantities that differ from the configuration's, see `parameter_rows`.
 
     Raises:
-        InputError: what is not accepted, see `parameter_rows`.
+        InputError: as `parameter_rows`.
     """
-    return peak_of_rows(parameter_rows(configurations, law, surroundings, **changes), law)
-
-
-def speed_for_thrust(
-    configurations: Any,
-    thrust_N: ArrayLike,
-    law: str = DEFAULT_LAW,
-    surroundings: Surroundings = STANDARD,
-    outside: str = "error",
-    **changes: Any,
-) -> Array:
-    """Return the lowest rotor speeds [rad/s] that give thrusts [N], to 1e-12 of the thrust.
-
-    Args:
-        configurations: a Configuration, a number of Table I, or an array-like of them.
-        thrust_N: wanted, from 0 to the maximum; broadcast with configurations and changes.
-        law: "published", "repaired" or "consistent".
-        surroundings: air density and gravity.
-        outside: what to do with thrusts that the propeller can't give: "error" refuses them,
-            "mask" makes the speed NaN, "keep" gives the speed of the most thrust.
-        **changes: quantities that differ from the configurations', see `parameter_rows`.
-
-    Raises:
-        InputError: what is not accepted; with outside="error", a thrust that is out of reach.
-    """
-    if outside not in OUTSIDE:
-        raise unknown_name("outside", outside, OUTSIDE)
-    target = float_array("thrust", thrust_N, "accepted: thrusts [N]")
-    rows = parameter_rows(configurations, law, surroundings, **changes)
-    peak = peak_of_rows(rows, law)
-    try:
-        target, top, most = np.broadcast_arrays(target, peak.speed_rad_s, peak.thrust_N)
-    except ValueError:
-        arguments = {"thrust_N": thrust_N, **changes}
-        raise broadcast_error(family(configurations), arguments) from None
-    bad = ~(target >= 0.0)
-    if bad.any():
-        raise InputError(f"thrust {target[bad].flat[0]:g} N; accepted: 0 N and above")
-    beyond = target > most * (1.0 + 1e-12)
-    if beyond.any() and outside == "error":
-        raise InputError(
-            f"thrust {target[beyond].flat[0]:.6g} N is more than the propeller gives under law "
-            f"{law}; accepted: 0 to {most[beyond].flat[0]:.6g} N"
-        )
-    which = np.broadcast_to(
-        np.arange(peak.speed_rad_s.size).reshape(rows.shape[:-1]), target.shape
-    )
-    flat = rows.reshape(-1, ROW_SIZE)
-    speed = _bracketed(flat, which.ravel(), target.ravel(), top.ravel(), most.ravel(), law)
-    speed = speed.reshape(target.shape)
-    return np.where(beyond, np.nan, speed) if outside == "mask" else speed
+    return peak_of_rows(parameter_rows(configuration, law, surroundings, **changes), law)
 
 
 def peak_of_rows(rows: ArrayLike, law: str) -> Peak:
@@ -192,42 +136,6 @@ def _peak(rows: Array, law: str) -> tuple[Array, NDArray[np.bool_], NDArray[np.b
     top = speeds[each, peak] + vertex * (speeds[:, 1] - speeds[:, 0])
     speed = np.where(steady, SPEED_LIMIT, np.where(ends, speeds[each, peak], top))
     return speed, ~steady & ~ends, steady | ~ends
-
-
-def _bracketed(
-    rows: Array, which: NDArray[np.int64], targets: Array, top: Array, most: Array, law: str
-) -> Array:
-    """Return the speeds in [0, top] with those thrusts, which rise from 0 to `most`; all (n,).
-
-    Regula falsi in omega^2, which thrust is nearly linear in, with the Illinois weighting; every
-    sixth step is bisection, so that the bracket always shrinks. Above `most` it is `top`.
-    """
-    active = np.flatnonzero((targets > 0.0) & (targets < most))
-    squares: Array = np.where(targets >= most, top**2, 0.0)
-    propeller, target = which[active], targets[active]
-    low: Array = np.zeros(active.size)
-    high: Array = top[active] ** 2
-    below, above = -target, most[active] - target
-    side: Array = np.zeros(active.size)
-    for step in range(1, _MOST_STEPS):
-        if not active.size:
-            break
-        secant = (high - low) / (above - below)
-        x = np.where(-below < above, low - below * secant, high - above * secant)
-        x = 0.5 * (low + high) if step % 6 == 0 else np.clip(x, low, high)
-        f = points_of_rows(rows, propeller, np.sqrt(x), law)[0] - target
-        up = f >= 0.0
-        again = np.where(up, 1.0, -1.0)
-        shrink = np.where(side == again, 0.5, 1.0)
-        low, high = np.where(up, low, x), np.where(up, x, high)
-        below, above = np.where(up, shrink * below, f), np.where(up, f, shrink * above)
-        done = (np.abs(f) <= 1e-12 * target) | (high - low <= 1e-15 * high)
-        squares[active[done]] = x[done]
-        go = ~done
-        active, propeller, target, side = active[go], propeller[go], target[go], again[go]
-        low, high, below, above = low[go], high[go], below[go], above[go]
-    squares[active] = high
-    return np.asarray(np.sqrt(squares))
 
 
 USABLE_SHARE = 0.9

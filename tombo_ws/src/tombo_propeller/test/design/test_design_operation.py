@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller import configuration, configurations, speed_for_thrust, thrust_map
+from tombo_dynamics.propeller import configuration, configurations, thrust_map
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.design.candidates import with_nodus_at
 from tombo_propeller.design.operating_points import flight_performance
@@ -26,8 +26,8 @@ def test_limits_and_hover_are_those_of_the_thrust_map(law):
         assert performance.usable_speed[i] == pytest.approx(top, rel=2e-5)
         assert performance.usable_thrust[i] == pytest.approx(float(chart.thrust(top)), rel=1e-4)
         assert performance.motor_limits[i] == (chart.omega_max > vehicle.rotor_speed_max)
-        hover = float(speed_for_thrust(soft, vehicle.hover_thrust(), law))
-        assert performance.hover_speed[i] == pytest.approx(hover, rel=1e-5)
+        hover = float(chart.thrust(performance.hover_speed[i]))
+        assert hover == pytest.approx(vehicle.hover_thrust(), rel=2e-5)
 
 
 def test_what_cannot_lift_has_no_hover():

@@ -1,1 +1,1 @@
-"""Recommends a nodus for a vehicle: candidates, what is known of each, choice, and check."""
+"""Recommends a nodus for a vehicle: candidates, their known figures, choice, and check."""

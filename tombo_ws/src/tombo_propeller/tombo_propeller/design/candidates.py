@@ -40,7 +40,7 @@ PROPERTIES = {
     "length_mm": "length [mm]",
     "outer_radius_mm": "outer end [mm]",
 }
-"""What a nodus is compared by with those that were tested, in words."""
+"""Quantities by which a nodus is compared with the tested ones."""
 
 
 def properties(configuration: Configuration) -> dict[str, float]:

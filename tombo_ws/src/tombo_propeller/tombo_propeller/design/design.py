@@ -59,7 +59,7 @@ class CandidateTable:
     """(n,) how far outside: shares beyond the nearer end, summed; 0 inside."""
 
     def outside(self, index: int) -> tuple[str, ...]:
-        """Return in what a candidate is outside of what was tested, in words."""
+        """Return the quantities of a candidate outside of the tested range, as text."""
         words = [] if self.other_blade is None else [f"blade, tested {self.other_blade}"]
         beyond = _beyond(self.properties[index], self.tested) > 0.0
         for name, value, (low, high), out in zip(
@@ -169,7 +169,7 @@ def slack(counted: Array, limits: Sequence[DesignLimit]) -> Array:
 
 
 def thrust_error(measured: Sequence[Configuration], law: str) -> float:
-    """Return the model's RMS error of thrust at 2000 rpm, as a share of what was measured."""
+    """Return the model's RMS error of thrust at 2000 rpm, as a share of the measured thrust."""
     shares = [
         float(evaluate(c, _BENCH_SPEED, law).thrust_N) / c.measured.thrust_N - 1.0
         for c in measured

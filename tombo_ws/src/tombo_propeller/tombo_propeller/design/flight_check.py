@@ -63,7 +63,7 @@ class Check:
     longest_settling_s: float
     """From touch to rest at x_r; NaN if none comes to rest."""
     limits: tuple[FigureCheck, ...]
-    """The limits that flights can show, with what they show."""
+    """The limits that flights can confirm, with their figures."""
     claims: tuple[FigureCheck, ...]
 
     @property
@@ -177,7 +177,7 @@ def _fly(
 
 
 def _figures(flight: Flight) -> dict[str, Any]:
-    """Return what a flight shows of the claims."""
+    """Return the claims that a flight confirms or refutes."""
     log, summary = flight.log, flight.summary
     hovering = log["mode"][:, 0] == Phase.HOVER
     blade = (log["contact"][:, 0] > 0.0) & (log["contact"][:, 1] >= 0.0)

@@ -155,7 +155,7 @@ def _candidate_table(design: Design, recommendation: Recommendation) -> Table:
 
 
 def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, Any]:
-    """Return the content of `design.json`; None for what is not known."""
+    """Return the content of `design.json`; None where it is not known."""
     choice, judged = design.choice, design.judged
     index = recommendation.index
 

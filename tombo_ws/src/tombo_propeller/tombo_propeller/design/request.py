@@ -80,7 +80,7 @@ class DesignRequest(DesignLimits):
         """Refuse what can't be used.
 
         Raises:
-            InputError: names the option, the value and what is accepted.
+            InputError: names the option, the value and the accepted ones.
         """
         super().__post_init__()
         if self.law == "published":

@@ -15,9 +15,9 @@ from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Criterio
 
 _BENCH_RPM = 2000.0
 EVIDENCE = ("measured", "predicted within what was tested", "extrapolated")
-"""What the figures of a candidate rest on, by tier."""
+"""Basis of the figures of a candidate, by tier."""
 KEY = "* measured; ≤ upper end of a prediction; ? outside of what was tested; others modelled"
-"""What the marks of `cell` mean."""
+"""Meaning of the marks of `cell`."""
 _UNFLOWN = "keeps to all limits, not flown"
 """A candidate that might break its claims in flight, as others do that keep to the limits."""
 
@@ -123,7 +123,7 @@ def _predictions_would_do(design: Design) -> bool:
 
 
 def caveats(design: Design, recommendation: Recommendation) -> list[str]:
-    """Return what is extrapolated or not known, most important first."""
+    """Return the extrapolated and unknown quantities, most important first."""
     index = recommendation.index
     return [
         *([] if index is None else _of_the_recommended(design, index)),

@@ -1,4 +1,4 @@
-"""What the laws compute for the paper's propellers: one record for all claims and figures."""
+"""Results of the laws for the paper's propellers: one record for all claims and figures."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Point:
 
 @dataclass(frozen=True)
 class LawNumbers:
-    """What one law computes, by configuration."""
+    """Results of one law, by configuration."""
 
     law: str
     moduli: Mapping[int, tuple[float, float]]

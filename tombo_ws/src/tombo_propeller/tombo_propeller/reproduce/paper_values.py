@@ -1,4 +1,4 @@
-"""What the paper prints, digit for digit, read from data files."""
+"""The paper's printed values, digit for digit, read from data files."""
 
 from __future__ import annotations
 

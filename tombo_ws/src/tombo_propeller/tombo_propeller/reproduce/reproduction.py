@@ -1,4 +1,4 @@
-"""The whole reproduction: what is printed, what is computed, and all claims."""
+"""The whole reproduction: printed values, computed values, and all claims."""
 
 from __future__ import annotations
 
@@ -67,5 +67,5 @@ def reproduce(laws: tuple[str, ...] = tuple(LAWS)) -> Reproduction:
 
 
 def judged(paper: Paper, numbers: Numbers) -> Reproduction:
-    """Judge every claim from what is printed and what is computed."""
+    """Evaluate every claim from printed and computed values."""
     return Reproduction(paper, numbers, judged_claims(paper, numbers))

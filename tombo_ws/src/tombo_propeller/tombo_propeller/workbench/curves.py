@@ -1,4 +1,4 @@
-"""Everything of a propeller against rotor speed: all laws, what was measured, how sure it is."""
+"""A propeller against rotor speed: all laws, measured values, and their uncertainty."""
 
 from __future__ import annotations
 

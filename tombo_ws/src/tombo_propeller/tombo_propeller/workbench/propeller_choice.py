@@ -19,13 +19,13 @@ KNOBS: Final = {
     "length_mm": ("mm", 2.0, 40.0, 0.1),
     "outer_radius_mm": ("mm", 10.0, 150.0, 0.1),
 }
-"""Unit, lowest, highest value and step of what a nodus is described by."""
+"""Unit, lowest, highest value and step of the parameters of a nodus."""
 _KEYS: Final = ("blade", "soft", "matrix", "fibre", *KNOBS)
 
 
 @dataclass(frozen=True)
 class ChosenPropeller:
-    """A propeller with what is known of it."""
+    """A propeller with its known figures."""
 
     configuration: Configuration
     blade: Blade
@@ -52,7 +52,7 @@ def propeller_choice(values: Mapping[str, Any], library: Library) -> ChosenPrope
             exactly is taken as it is.
 
     Raises:
-        InputError: names the key, the value and what is accepted.
+        InputError: names the key, the value and the accepted ones.
     """
     for key in values:
         if key not in _KEYS:
@@ -83,7 +83,7 @@ def propeller_choice(values: Mapping[str, Any], library: Library) -> ChosenPrope
 
 
 def _number(values: Mapping[str, Any], name: str, blade: Blade) -> float:
-    """Return a knob's value; what is not given is as in configuration 13, in the blade's size."""
+    """Return a knob's value; missing values are those of configuration 13, in the blade's size."""
     unit, low, high, _ = KNOBS[name]
     given = values.get(name)
     if given is None:

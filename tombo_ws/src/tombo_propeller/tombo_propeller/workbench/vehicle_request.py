@@ -41,11 +41,11 @@ def design_request(values: Mapping[str, Any], blade: Blade) -> DesignRequest:
     """Return the request of a vehicle as the page sends it.
 
     Args:
-        values: mass_kg, arm_mm, law, extrapolate and LIMITS; what is missing has its default.
+        values: mass_kg, arm_mm, law, extrapolate and LIMITS; missing values have their defaults.
         blade: the arms have to keep its discs apart.
 
     Raises:
-        InputError: names the key, the value and what is accepted.
+        InputError: names the key, the value and the accepted ones.
     """
     for key in values:
         if key not in _KEYS:

@@ -1,4 +1,4 @@
-"""What can be wrong in a thrust-stand run, each as one function; and what the stand then reads."""
+"""Errors of a thrust-stand run, each as one function; and what the stand then reads."""
 
 # The registry keeps this order: what the rotor does, then what the stand reads of it.
 from tombo_dynamics.propeller.effects import rotor, readings  # isort: skip

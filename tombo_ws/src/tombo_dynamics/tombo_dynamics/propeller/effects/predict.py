@@ -1,4 +1,4 @@
-"""What a stand would read: the law and all effects, one function for simulation and fit."""
+"""Predicted readings of a stand: the law and all effects, one function for simulation and fit."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def predict(
 
     Args:
         setup: the operating points.
-        theta: effect -> its parameters, in their order; what is missing is at its null value.
+        theta: effect -> its parameters, in their order; missing parameters have their null values.
         draws: of the random effects; None: zero.
     """
     drawn = draws or Draws.none(setup)

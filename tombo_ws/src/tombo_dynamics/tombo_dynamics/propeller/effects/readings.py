@@ -1,4 +1,4 @@
-"""What can be wrong with the instruments: tachometer, load cells, camera."""
+"""Errors of the instruments: tachometer, load cells, camera."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class StandRun:
     beta: Array
     """Flap angle [rad]."""
     reference_speed: Array
-    """What an independent tachometer shows [rad/s]."""
+    """Reading of an independent tachometer [rad/s]."""
     largest_thrust: float
     """Range of the cell that is used [N]."""
     largest_torque: float

@@ -1,4 +1,4 @@
-"""What can be wrong with air, blade and nodus: coefficients, stiffness, load."""
+"""Errors of air, blade and nodus: coefficients, stiffness, load."""
 
 from __future__ import annotations
 

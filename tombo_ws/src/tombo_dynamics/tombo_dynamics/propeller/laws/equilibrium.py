@@ -105,7 +105,7 @@ _STEPS = 15
 _STEP_LIMIT = 0.3
 _ROOT_CLOSE = 1e-9
 """Newton's steps shrink quadratically: one below this leaves an error below rounding."""
-_NEAR = 1e-3
+_PATH_CLOSE = 1e-3
 """Accuracy of the points on the way [rad]; only the last one counts."""
 _ANGLE_LIMIT = 1.5
 _FIRST_STEP = 0.125
@@ -221,7 +221,7 @@ def equilibrium(law: int, p: Parameters, square: float) -> tuple[float, float, f
         # Angles grow with omega^2 at first and level off later: linear in omega is in between.
         ahead = 2.0 * (math.sqrt(target / reached) - 1.0) if reached > 0.0 else 0.0
         p_a, p_b, p_g = alpha + ahead * t_a, beta + ahead * t_b, gamma + ahead * t_g
-        close = _ROOT_CLOSE if last else _NEAR
+        close = _ROOT_CLOSE if last else _PATH_CLOSE
         a, b, g, determinant, converged, n_a, n_b, n_g = newton(
             law, p, target, p_a, p_b, p_g, close
         )

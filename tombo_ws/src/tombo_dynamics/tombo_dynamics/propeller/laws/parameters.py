@@ -80,7 +80,7 @@ class Parameters(NamedTuple):
 
 
 SCALARS = {name: i for i, name in enumerate(Parameters._fields[:18])}
-"""Where a number stands in a row, for code that varies it."""
+"""Index of a number in a row, for code that varies it."""
 WING_SCALARS = ("twist_limit", "inner_thrust", "inner_drag", "inner_torque")
 """Those of them that are integrals over the blade, or follow from its shape."""
 _LIFT, _DRAG, _TORQUE, _SHAPE, _FITS = 18, 24, 30, 36, 56
@@ -130,7 +130,7 @@ def parameter_row(
 def checked(
     configuration: Configuration | int, law: str, surroundings: Surroundings
 ) -> tuple[Configuration, str, Surroundings]:
-    """Return what a row follows from, a number's configuration looked up.
+    """Return the inputs of a row, with a number replaced by its configuration.
 
     Raises:
         InputError: one of them is something else.

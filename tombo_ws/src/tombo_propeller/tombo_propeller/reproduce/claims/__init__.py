@@ -1,1 +1,1 @@
-"""What the paper claims, checked one by one."""
+"""The paper's claims, checked one by one."""

@@ -30,7 +30,7 @@ DATA: Final = "data"
 
 @dataclass(frozen=True)
 class Judged:
-    """What a claim comes to, under one law or of measurements alone."""
+    """Result of a claim, under one law or from measurements alone."""
 
     value: float | None
     """None where the law has no such number."""
@@ -92,7 +92,7 @@ class Claim:
     claim: str
     source: str
     paper: str
-    """What the paper says, as printed."""
+    """The paper's statement, as printed."""
     quantity: str
     """What `computed` is."""
     unit: str

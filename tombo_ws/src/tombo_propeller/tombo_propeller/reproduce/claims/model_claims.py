@@ -328,7 +328,7 @@ def beta_reading(_: Paper, law: LawNumbers, __: Numbers) -> Judged:
 
 
 def reading_deg(alpha_deg: float, beta_deg: float) -> float:
-    """Return what the paper's formula reads [deg] where a wing has lag and flap."""
+    """Return the reading [deg] of the paper's formula for a wing with lag and flap."""
     joint = configuration(13).blade
     inner, length = joint.joint.outer_radius_m, joint.tip_radius_m - joint.joint.outer_radius_m
     alpha, beta = math.radians(alpha_deg), math.radians(beta_deg)

@@ -18,9 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_control.loops.loop_design import YawDrive, yaw_drive
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS, RATE_TICKS, ControlParams
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotor_maps import RotorMaps, rotor_thrust, rotor_torque, speed_for_thrust
+from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.time_base import TICK_S
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -59,31 +60,7 @@ class Margins:
         return 20.0 * math.log10(self.gain_margin)
 
 
-@dataclass(frozen=True)
-class YawDrive:
-    """How yaw torque follows the torque asked for, linear about hover."""
-
-    gain: float
-    """Steady torque over the torque asked for: the allocation takes drag as a share of thrust."""
-    lead: float
-    """Rotor inertia over the slope of drag torque with speed [s]: a rotor that is sped up
-    reacts on the airframe long before its drag has grown."""
-
-
-def yaw_drive(vehicle: VehicleParams, maps: RotorMaps) -> YawDrive:
-    """Return the yaw actuator of a vehicle in hover, with the table `rotor_maps` of its rotors."""
-    speed = float(speed_for_thrust(maps, vehicle.hover_thrust()))
-    step = 1e-3 * speed
-    thrust_slope = rotor_thrust(maps, speed + step) - rotor_thrust(maps, speed - step)
-    torque_slope = rotor_torque(maps, speed + step) - rotor_torque(maps, speed - step)
-    ratio = rotor_torque(maps, speed) / rotor_thrust(maps, speed)
-    return YawDrive(
-        gain=float(torque_slope / thrust_slope / ratio),
-        lead=float(vehicle.rotor_inertia * 2.0 * step / torque_slope),
-    )
-
-
-def held(z: Complex, ticks: int) -> Complex:
+def zero_order_hold(z: Complex, ticks: int) -> Complex:
     """Frequency response of holding a value for a number of ticks."""
     return np.asarray(sum(z**-i for i in range(ticks)) / ticks)
 
@@ -143,20 +120,20 @@ def open_loops(c: ControlParams, vehicle: VehicleParams, maps: RotorMaps) -> dic
         plant = driven_rate(z, lag, drive if yaw else None)
         inner = rate_pid(z, c, yaw)[0] * plant / (1.0 + rate(z, yaw))
         p = c.yaw_p if yaw else c.attitude_p
-        return p * held(z, ATTITUDE_TICKS) * inner * integrated(z)
+        return p * zero_order_hold(z, ATTITUDE_TICKS) * inner * integrated(z)
 
     def velocity(z: Complex) -> Complex:
         return velocity_pid_response(z, c)[1] * _horizontal(z)
 
     def _horizontal(z: Complex) -> Complex:
         tilted = angle(z) / (1.0 + angle(z))
-        return held(z, POSITION_TICKS) * tilted * integrated(z)
+        return zero_order_hold(z, POSITION_TICKS) * tilted * integrated(z)
 
     def climb(z: Complex) -> Complex:
         return velocity_pid_response(z, c)[1] * _vertical(z)
 
     def _vertical(z: Complex) -> Complex:
-        return held(z, POSITION_TICKS) * driven_rate(z, lag)
+        return zero_order_hold(z, POSITION_TICKS) * driven_rate(z, lag)
 
     def position(z: Complex) -> Complex:
         inner = velocity_pid_response(z, c)[0] * _horizontal(z) / (1.0 + velocity(z))
