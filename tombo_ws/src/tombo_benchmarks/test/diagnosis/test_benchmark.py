@@ -1,6 +1,6 @@
 """A case of the blind benchmark, whole: what is hidden is found, with its size.
 
-`test_benchmark_slice` has the rate of false alarms of six healthy vehicles.
+How often a healthy vehicle is accused is a rate: `test_benchmark_slice` asks twelve.
 """
 
 import json

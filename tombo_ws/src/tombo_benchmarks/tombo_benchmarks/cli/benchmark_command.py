@@ -1,9 +1,12 @@
-"""`tombo benchmark`: blind tests of the suite's findings."""
+"""`tombo benchmark`: blind tests of what the suite claims to find out."""
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -11,10 +14,19 @@ from typing import Any, Final
 import typer
 
 from tombo_benchmarks.cli.benchmark_run import EXIT_CODES, DrawnCases, Scored
-from tombo_bringup.cli.options import Shown, command, option, record
+from tombo_bringup.cli.options import (
+    LogMapping,
+    Shown,
+    VehicleName,
+    argument,
+    command,
+    option,
+    record,
+)
 from tombo_dynamics.errors import InputError
 
 app = typer.Typer()
+_FEWEST_S, _MOST_S = 1.0, 3600.0
 
 
 @app.callback(invoke_without_command=True)
@@ -24,17 +36,36 @@ def benchmark(ctx: typer.Context) -> None:
         typer.echo(ctx.get_help())
 
 
-def diagnosis(drawn: DrawnCases) -> None:
+@record
+class _Hidden:
+    scenario: str = option(
+        "--scenario NAME", "Fly this scenario, or file, in place of random courses.", ""
+    )
+    effects: str = option(
+        "--effects LIST", "With --scenario: names with commas between, or all.", "all"
+    )
+
+
+def diagnosis(drawn: DrawnCases, hidden: _Hidden) -> None:
     """Hide effects in simulated flights, diagnose them, and count how often it is right.
 
     The flights come from a richer model than the candidates: parameters off
     nominal, noise that is not modelled, 30 Hz motion capture, with and without IMU
-    and rotor speeds. Some hide pairs, some an unknown force, some no effect.
+    and rotor speeds. Some hide pairs, some what is no candidate, some nothing.
+    With --scenario one effect at a time is hidden in that flight, in turn of
+    medium, large and small size.
     """
     from tombo_benchmarks.cli.scores import FLIGHTS, score_table
-    from tombo_benchmarks.diagnosis.flight_evaluation import benchmark
+    from tombo_benchmarks.diagnosis.flight_evaluation import benchmark, scenario_benchmark
 
-    drawn.score_drawn("diagnosis", benchmark, 100, partial(score_table, FLIGHTS))
+    name, scenario, effects = "diagnosis", hidden.scenario, hidden.effects
+    run: Callable[..., Any] = benchmark
+    if scenario:
+        name += f" --scenario {scenario} --effects {effects}"
+        run = scenario_benchmark(scenario, effects)
+    elif effects != "all":
+        raise InputError(f"--effects {effects}: needs --scenario; accepted: all")
+    drawn.score_drawn(name, run, 100, partial(score_table, FLIGHTS))
 
 
 def stand(drawn: DrawnCases) -> None:
@@ -50,17 +81,95 @@ def stand(drawn: DrawnCases) -> None:
     drawn.score_drawn("stand", benchmark, 200, partial(score_table, STANDS))
 
 
-def faults(drawn: DrawnCases) -> None:
+@record
+class _Foreign:
+    folder: Path = argument("FOLDER", "Cases that rotorpy_flights.py has written.")
+
+
+def foreign(given: _Foreign, scored: Scored) -> None:
+    """Diagnose flights of rotorpy, a simulator by others, whose hidden cause is known.
+
+    `other_environments/rotorpy_flights.py FOLDER` of this package flies them, with the Python of
+    an environment that has rotorpy 3.0.0. Counted: right, in a set, wrong, withheld.
+    """
+    from tombo_benchmarks.diagnosis.foreign_flights import benchmark, cases_in, score_table
+
+    cases = cases_in(given.folder)
+    name = f"foreign {given.folder.resolve()}"
+    scored.score(name, partial(benchmark, cases), len(cases), 0, score_table)
+
+
+@record
+class _InFlight:
+    nodes: float = option(
+        "--nodes S",
+        "Kill or stop each node in flight; look at S seconds behind.",
+        0.0,
+        accepted=f"0, or {_FEWEST_S:g} to {_MOST_S:g}",
+    )
+
+
+def faults(drawn: DrawnCases, in_flight: _InFlight) -> None:
     """Check every fault, every pair in every phase, and N (1000) random sequences of faults.
 
-    Mission, reaction and controller are those of the flight, around a point mass
+    Mission, reaction and controller are those of the flight, around a point that flies
     (docs/faults.md). Counted: thrust after touchdown, take-offs without a command, set points
     that can't be followed or leave the flight volume, rotors that turn at the end.
+
+    With --nodes the running suite hovers in real time, once for each node that is killed,
+    killed and started again, or stopped for 20 s: a quarter of an hour for S = 60.
     """
     from tombo_benchmarks.cli.scores import fault_lines
     from tombo_benchmarks.faults.fault_benchmark import check_faults
+    from tombo_benchmarks.faults.fault_flights import fly_faults
 
-    drawn.score_drawn("faults", check_faults, 1000, lambda found, cases: fault_lines(found))
+    nodes = in_flight.nodes
+    if nodes and not _FEWEST_S <= nodes <= _MOST_S:
+        accepted = f"0, or {_FEWEST_S:g} to {_MOST_S:g}"
+        raise InputError(f"--nodes {nodes:g}: out of bounds; accepted: {accepted}")
+
+    def run(
+        cases: int, seed: int, workers: int, progress: Callable[..., Any],
+        stop: Callable[[], bool], kept: Any,
+    ) -> Any:  # fmt: skip
+        found = check_faults(cases, seed, workers, progress, stop, kept)
+        if not nodes or stop():
+            return found
+        flown = fly_faults(nodes, seed, progress, stop)
+        return replace(found, aggregate={**found.aggregate, "nodes": flown})
+
+    drawn.score_drawn("faults", run, 1000, lambda found, cases: fault_lines(found))
+
+
+@record
+class _Mutations:
+    log: Path = argument("LOG", "A sound flight.")
+    healthy: list[Path] | None = option(
+        "--healthy OLD",
+        "Another flight of the vehicle: what has changed since is asked, too. Once for each.",
+    )
+    way: str | None = option("--way NAME", "Ask in this way only: plain, vehicle or healthy.")
+
+
+def mutations(given: _Mutations, known: VehicleName, reading: LogMapping, shown: Shown) -> None:
+    """Damage a log in 22 ways, one at a time, and count how often `tombo diagnose` names it.
+
+    Axes swapped, reversed, scaled, offset; units; motors swapped; samples late, frozen,
+    dropped; a body defined turned; commands scaled. The log alone is asked, and with
+    --vehicle and --healthy in these ways as well.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from tombo_benchmarks.diagnosis.mutations import Reference, ask_all, mutation_page
+    from tombo_bringup.cli.progress import progress_bar
+    from tombo_bringup.cli.tables import show_page
+    from tombo_flight.vehicle_file import read_vehicle
+    from tombo_logs.readers.log_reader import read_logs
+
+    with progress_bar() as on_progress:
+        flight, *others = read_logs([given.log, *(given.healthy or [])], mapping=reading.mapping)
+        file = None if known.vehicle is None else read_vehicle(known.vehicle)
+        answers = ask_all(flight, Reference(file, others), given.way, on_progress)
+    show_page(mutation_page(flight.name, answers), shown.as_json)
 
 
 @record
@@ -72,7 +181,7 @@ class _Load:
 def nodes(load: _Load, shown: Shown) -> None:
     """Fly with all nodes in real time, and print how late each loop began its runs.
 
-    An empty loop of 1 kHz, before and after the flight, shows the lateness of the machine.
+    An empty loop of 1 kHz, before and after the flight, tells how punctual the machine is.
     """
     from tombo_benchmarks.cli.scores import loop_table
     from tombo_benchmarks.nodes.node_timing import fly_and_measure
@@ -108,10 +217,10 @@ class _Real:
 
 
 def real(given: _Real, scored: Scored) -> None:
-    """Diagnose real flights of known causes, and count right, wrong and withheld answers.
+    """Ask about real flights of known causes, and count right, wrong and withheld answers.
 
     Flights against healthy ones of the vehicle, single logs of mishaps, and healthy flights.
-    With -o the page is written next to the JSON, as .html; a run that is stopped goes on with
+    With -o the page is written beside the JSON, as .html; a run that is stopped goes on with
     the same command.
     """
     few, left_out, output = given.few, given.left_out, scored.output
@@ -180,7 +289,7 @@ def why(by: _Rotorpy, drawn: DrawnCases) -> None:
     drawn.score_drawn("why", partial(benchmark, by.python()), 200, crash_table)
 
 
-BENCHMARKS: Final = (diagnosis, stand, faults, nodes, real, why)
+BENCHMARKS: Final = (diagnosis, stand, foreign, faults, mutations, nodes, real, why)
 """In the order of the help."""
-for _benchmark in BENCHMARKS:
-    command(app, _benchmark.__name__, epilog=EXIT_CODES)(_benchmark)
+for _one in BENCHMARKS:
+    command(app, _one.__name__, epilog=EXIT_CODES)(_one)

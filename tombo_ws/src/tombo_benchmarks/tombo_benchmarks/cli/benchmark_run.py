@@ -1,4 +1,4 @@
-"""Common options of the commands of `tombo benchmark`, and the run of a benchmark."""
+"""What the commands of `tombo benchmark` share: options, and the way from them to a score."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ class Scored(Workers, Shown):
             run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
             cases: how many.
             seed: of all random draws.
-            show: aggregate and number of cases to the printed table, page or lines.
+            show: aggregate and number of cases to what is printed.
 
         Raises:
-            typer.Exit: stopped by a signal; with an output, FILE.part keeps the scores so far.
+            typer.Exit: stopped by a signal; with an output, the scores so far are kept beside it.
             InputError: the output can't be written any more.
         """
         from tombo_benchmarks.cli.journal import Journal

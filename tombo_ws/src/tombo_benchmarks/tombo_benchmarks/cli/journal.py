@@ -21,7 +21,7 @@ class Journal(UserDict[Any, Row]):
 
         Args:
             path: the file, made with the first row.
-            run: name of the benchmark and its seed.
+            run: what the rows are of.
 
         Raises:
             InputError: it is of another run, or can't be read.

@@ -1,4 +1,4 @@
-"""Tables that the commands of `tombo benchmark` print: figures with their bounds."""
+"""What the commands of `tombo benchmark` print: figures beside what is asked for."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from tombo_flight.report.page import Cell, Table
 
 
 class Figure(NamedTuple):
-    """A figure of a score: key, label and bounds."""
+    """A figure of a score: its key, words, and the bounds that are asked for."""
 
     key: str
-    label: str
+    words: str
     least: float = -math.inf
     most: float = math.inf
     is_share: bool = True
 
     def meets(self, value: float) -> bool:
-        """Return whether a value is within the bounds."""
+        """Return whether a value is as asked for."""
         return self.least <= value <= self.most
 
-    def bounds_text(self) -> str:
-        """Return the bounds as text; empty: none."""
+    def asked(self) -> str:
+        """Return what is asked for; empty: nothing."""
         low, high = math.isfinite(self.least), math.isfinite(self.most)
         if low and high:
             return f"{self.text(self.least)} to {self.text(self.most)}"
@@ -39,6 +39,7 @@ FLIGHTS: Final = (
     Figure("top1_medium", "right cause first, medium effect", least=0.85),
     Figure("top1_small", "right cause first, small effect", least=0.65),
     Figure("another_named", "another cause named than the one that is there", most=0.05),
+    Figure("unseen_named", "something named where nothing can be seen", most=0.05),
     Figure("right_if_named", "right if named", least=0.98),
     Figure("truth_in_set", "truth in the answered set", least=0.99),
     Figure("mean_set_size", "mean size of the set", most=2.0, is_share=False),
@@ -91,7 +92,7 @@ def score_table(figures: Sequence[Figure], found: Mapping[str, Any], cases: int)
             else Cell(figure.text(value), "" if figure.meets(value) else "bad")
             for value in values
         ]
-        rows.append((figure.label, figure.bounds_text(), *cells))
+        rows.append((figure.words, figure.asked(), *cells))
     return Table(("", "asked for", *parts), rows, title=f"{cases} blind cases")
 
 
@@ -128,8 +129,8 @@ def loop_table(loops: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def fault_lines(found: Mapping[str, Any]) -> list[str]:
-    """Return the counts of all fault sequences as lines."""
-    return [
+    """Return what sequences of faults, flights and nodes that fail have led to."""
+    lines = [
         f"{found['enumerated']} single faults and pairs in every phase, "
         f"{found['random']} random sequences: {found['violations']} with a violation",
         *(f"  {kind}: {number}" for kind, number in found["by_kind"].items()),
@@ -137,3 +138,16 @@ def fault_lines(found: Mapping[str, Any]) -> list[str]:
         f"Transitions taken: {found['rows_used']}; not: "
         f"{', '.join(found['rows_unused']) or 'none'}",
     ]
+    return [*lines, *map(_behind, found.get("nodes", []))]
+
+
+def _behind(row: Mapping[str, Any]) -> str:
+    """Return what a vehicle did behind a fault of a node, as a line."""
+    text = f"{row['fault']}: {row['ends']}, drift {row['drift_m']:.2f} m"
+    if row["down_s"] is not None:
+        off = row["rotors_off_s"]
+        text += (
+            f", sinks at {row['sink_m_s']:.2f} m/s, down after {row['down_s']:.1f} s, rotors off "
+            f"{'never' if off is None else f'{off:.1f} s later'}, slides {row['slid_m']:.2f} m"
+        )
+    return text + (", FLIES AGAIN" if row["flew_again"] else "")

@@ -16,7 +16,7 @@ _RIVALS = 3
 
 
 def case_row(case: Case) -> dict[str, Any]:
-    """Return number, kind, size and truth of a case."""
+    """Return what is known of a case before it is diagnosed."""
     return {
         "case": case.number,
         "kind": case.kind,
@@ -28,7 +28,7 @@ def case_row(case: Case) -> dict[str, Any]:
 
 
 def answer_row(findings: Analysis[Any, Any], seconds: float) -> dict[str, Any]:
-    """Return the answer and the evidence behind its verdict."""
+    """Return what was answered, and what the verdict rests on."""
     judgement, found = findings.judgement, findings.search
     return {
         "verdict": judgement.verdict,
@@ -49,7 +49,7 @@ def answer_row(findings: Analysis[Any, Any], seconds: float) -> dict[str, Any]:
 
 
 def exactly_right(case: Case, findings: Analysis[Any, Any]) -> bool:
-    """Return whether exactly the hidden effects were named."""
+    """Return whether just what is hidden was named."""
     judgement = findings.judgement
     named = judgement.verdict == "named" and not judgement.members
     return named and set(judgement.effects) == set(case.hidden)

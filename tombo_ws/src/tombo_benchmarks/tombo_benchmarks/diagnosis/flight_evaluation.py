@@ -1,8 +1,9 @@
-"""One synthetic case from hiding to score: fly, diagnose, compare with the truth."""
+"""One synthetic case from hiding to score: fly, diagnose, compare with what was hidden."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,9 +17,15 @@ from tombo_benchmarks.diagnosis.evaluation import (
     compare_parameters,
     exactly_right,
 )
-from tombo_benchmarks.diagnosis.flight_cases import NOMINAL_MODEL, FlightCase, make_case
+from tombo_benchmarks.diagnosis.flight_cases import (
+    NOMINAL_MODEL,
+    FlightCase,
+    make_case,
+    make_scenario_case,
+    scenario_effects,
+)
 from tombo_benchmarks.diagnosis.flight_simulation import fly_case, true_draws
-from tombo_benchmarks.diagnosis.runner import run_benchmark
+from tombo_benchmarks.diagnosis.runner import BenchmarkResult, run_benchmark
 from tombo_benchmarks.diagnosis.score import score_of_flights
 from tombo_diagnosis.flight.analyse import FlightAnalysis
 from tombo_diagnosis.flight.cause_estimates import estimate_cause
@@ -30,6 +37,7 @@ from tombo_diagnosis.flight.cross_validation import (
 from tombo_diagnosis.flight.diagnose import diagnose_files
 from tombo_diagnosis.flight.fit.prediction import residuals
 from tombo_dynamics.errors import InputError
+from tombo_flight.scenario import load_scenario
 
 
 def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
@@ -37,14 +45,24 @@ def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
 
     `shorter`: fewer flights, or a shorter course, as of `make_case`.
     """
-    case = make_case(seed, number, **shorter)
+    return _examined(make_case(seed, number, **shorter))
+
+
+def examine_scenario(
+    scenario: str, effects: Sequence[str], seed: int, number: int
+) -> dict[str, Any]:
+    """Do the same with one effect hidden in a scenario."""
+    return _examined(make_scenario_case(scenario, effects, seed, number))
+
+
+def _examined(case: FlightCase) -> dict[str, Any]:
     row = case_row(case)
     with TemporaryDirectory(prefix="tombo-benchmark-") as folder:
         try:
             files = fly_case(case, Path(folder))
             diagnosis, findings = diagnose_files(files, NOMINAL_MODEL, clock=time.perf_counter)
         except InputError as error:
-            # A hidden effect can keep the vehicle from flying at all: that needs no diagnosis.
+            # What is hidden can keep the vehicle from flying at all: that needs no diagnosis.
             return row | {"verdict": "not flown", "why": str(error)}
     remainder = findings.remainder
     row |= answer_row(findings, diagnosis.seconds) | {
@@ -54,12 +72,12 @@ def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
         "chance": max((fit.evidence for fit in remainder.all_noise_fits), default=0.0),
     }
     if exactly_right(case, findings):
-        row["parameters"] = {e: _compare_effect(case, findings, e) for e in case.hidden}
+        row["parameters"] = {e: _compared(case, findings, e) for e in case.hidden}
         row["gain_share"] = _gain_share(case, findings)
     return row
 
 
-def _compare_effect(case: FlightCase, findings: FlightAnalysis, effect: str) -> dict[str, Any]:
+def _compared(case: FlightCase, findings: FlightAnalysis, effect: str) -> dict[str, Any]:
     """Return how well an effect's parameters were found.
 
     What tolerances put on an axis that was not shifted is there to be measured, too.
@@ -72,7 +90,7 @@ def _compare_effect(case: FlightCase, findings: FlightAnalysis, effect: str) -> 
 
 
 def _gain_share(case: FlightCase, findings: FlightAnalysis) -> float | None:
-    """Return the residual that the extension removes, over that of the true model, held out."""
+    """Return what the extension removes of what the true model removes, in held-out flights."""
     problem = findings.problem
     final = final_explanation(findings)
     if not final.hypotheses:
@@ -95,3 +113,14 @@ def _gain_share(case: FlightCase, findings: FlightAnalysis) -> float | None:
 
 benchmark = partial(run_benchmark, examine, score_of_flights)
 """Many blind flights, diagnosed and scored."""
+
+
+def scenario_benchmark(scenario: str, effects: str) -> Callable[..., BenchmarkResult]:
+    """Return the benchmark of effects hidden in a scenario.
+
+    Raises:
+        InputError: no such scenario, or no such effect.
+    """
+    load_scenario(scenario)
+    one = partial(examine_scenario, scenario, scenario_effects(effects))
+    return partial(run_benchmark, one, score_of_flights)

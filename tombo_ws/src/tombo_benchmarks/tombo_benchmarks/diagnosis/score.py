@@ -22,7 +22,7 @@ _BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
 
 
 def score_of_flights(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the score of the flights with an IMU, and separately of those without one."""
+    """Return the score of the flights with an IMU, and of those without one beside it."""
     flown = [r for r in rows if r["verdict"] != "not flown"]
     with_imu = [r for r in flown if r["formulation"].startswith("imu")]
     result = score(with_imu)
@@ -53,6 +53,8 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         result[f"top1_{size}_cases"] = len(own)
         result[f"answer_{size}"] = _share(own, _answers)
     result["another_named"] = _share(single, _another_named)
+    unseen = [r for r in rows if r["kind"] == "unseen"]
+    result["unseen_named"] = _share(unseen, lambda r: r["verdict"] in _NAMING_VERDICTS)
     named = [r for r in rows if r["verdict"] == "named"]
     result["right_if_named"] = _share(named, lambda r: set(r["causes"]) <= set(r["hidden"]))
     result["named_cases"] = len(named)
@@ -115,7 +117,7 @@ def _answers(row: Row) -> bool:
 def _right(row: Row) -> bool:
     """Return whether a verdict is right."""
     if row["verdict"] == "none":
-        return bool(row["kind"] == "none")
+        return bool(row["kind"] in ("none", "unseen"))
     if row["verdict"] == "unknown":
         return bool(row["kind"] == "unknown")
     if row["verdict"] == "set":

@@ -1,4 +1,4 @@
-"""The diagnosis of logs as `tombo diagnose` makes it, without its command line."""
+"""What `tombo diagnose` answers about logs as they are read, without its command line."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def against_healthy(
 def taught_by(
     new: Sequence[Flight], healthy: Sequence[Flight], causes: Sequence[str]
 ) -> KnownChange:
-    """Check flights of a known change and healthy ones, and return the change that they show.
+    """Check flights of a known change and healthy ones, and return what they say.
 
     Raises:
         InputError: no flight of one side can be used.

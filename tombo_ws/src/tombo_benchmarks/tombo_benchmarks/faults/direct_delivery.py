@@ -16,7 +16,7 @@ from tombo_dynamics.jit import load_generated
 def direct_delivery(cores: Sequence[type[Core]]) -> Any:
     """Return compiled functions that run cores.
 
-    - `deliver_TOPIC(arguments, hearers, message, now)` hands a message to its subscribers;
+    - `deliver_TOPIC(arguments, hearers, message, now)` hands a message to those that take it;
     - `step_CORE(arguments, now)` steps a core that has a step;
     - `publish_CORE(arguments, hearers, now)` delivers what of a core is due.
 

@@ -19,7 +19,7 @@ from tombo_benchmarks.faults.fault_model import (
 
 _STEPS_PER_S = 1000 // STEP_TICKS
 HORIZON_S = 80.0
-"""Longest time of a case; it ends earlier once the rotors are off and no fault is left."""
+"""A case is watched for so long, or until nothing turns and nothing is to come."""
 _FOR_EVER = 10**6
 _RESTART_S = 0.4
 """No process is restarted faster: the flight controller's fail-safe has taken over by then."""
@@ -108,7 +108,7 @@ def fly_case(case: Case) -> Verdict:
 
 
 def violations(case: Case, verdict: Verdict) -> list[str]:
-    """Return the violations as texts; empty: none."""
+    """Return what happened that must not, in words; empty: nothing."""
     found = []
     if verdict.thrust_after_touchdown:
         found.append("thrust after touchdown")

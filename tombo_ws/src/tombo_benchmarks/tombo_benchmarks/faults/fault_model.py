@@ -1,8 +1,8 @@
 """A model of the whole suite for the model checker: the real cores around a point that flies.
 
 Mission, reaction and controller are the compiled functions of the flight; vehicle, estimator and
-detector are as simple as they can be, so that a minute of flight takes some milliseconds. A table
-of faults has the losses and their times; `Verdict` counts the violations.
+detector are as simple as they can be, so that a minute of flight takes some milliseconds. What is
+lost, and when, is a table of faults; what must never be is counted in `Verdict`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
 
 class Fault(IntEnum):
-    """Losses and commands, each with a begin and an end."""
+    """What is lost, from its begin to its end."""
 
     MOCAP = 0
     ESTIMATOR = 1
@@ -105,7 +105,7 @@ _MISSION, _REACTION, _CONTROLLER = 1, 2, 4
 
 
 class Verdict(Record):
-    """Counts of a flight, and of its violations."""
+    """What happened, and what must not."""
 
     commands = field("1", "to take off: those that were obeyed", kind=int)
     lift_offs = field("1", "it left the ground", kind=int)
@@ -116,7 +116,7 @@ class Verdict(Record):
     outside = field("1", "steps with a reference outside of the volume", kind=int)
     fast_falls = field("1", "touches of the ground at more than 2 m/s but for a kill", kind=int)
     blind_steps = field("1", "with the rotors on at the ground in a descent", kind=int)
-    longest_ground = field("1", "most consecutive ones", kind=int)
+    longest_ground = field("1", "the most of them on end", kind=int)
     still_on = field("1", "rotors turn at the end, without a flight", kind=bool)
     state = field("1", "the controller's state at the end", kind=int)
     phase = field("1", "the mission's phase at the end", kind=int)
@@ -125,7 +125,7 @@ class Verdict(Record):
 
 
 class FaultWorld(Record):
-    """The point mass, and its messages to the cores."""
+    """The point that flies, and what is between it and the cores."""
 
     position = field("m", "true, in map", 3)
     velocity = field("m/s", "true, in map", 3)
@@ -409,7 +409,7 @@ def fly_faults(s: Suite, world: FaultWorld, faults: Any, steps: int, verdict: Ve
         for i in range(4):
             attitude[i] = s.autopilot.setpoint.attitude[i] if lift > 0.0 else i // 3
         _fly_on(world, attitude, lift, world.failsafe)
-        _count_violations(s, world, verdict, lift, volume, allowed)
+        _judge(s, world, verdict, lift, volume, allowed)
         rest = rest + 1 if lift == 0.0 and world.position[2] < _LEG + 0.01 else 0
         if step > last + _QUIET and rest > _QUIET:
             break  # nothing turns, nothing is to come
@@ -418,10 +418,10 @@ def fly_faults(s: Suite, world: FaultWorld, faults: Any, steps: int, verdict: Ve
 
 
 @compiled(inline=False)
-def _count_violations(
+def _judge(
     s: Suite, world: FaultWorld, verdict: Verdict, lift: float, volume: Any, allowed: float
 ) -> None:
-    """Count the violations of this step."""
+    """Count what must not be."""
     watch, height = s.controller.watch, world.position[2] - _LEG
     verdict.visited |= 1 << watch.state
     if watch.row >= 0:

@@ -1,0 +1,47 @@
+"""Damage to a real log is named by the checks of the log alone."""
+
+from pathlib import Path
+
+import pytest
+
+from tombo_bag.flight import Flight
+from tombo_benchmarks.diagnosis import mutations
+from tombo_benchmarks.diagnosis.mutations import MUTATIONS, SEED, Reference, ask_all
+from tombo_dynamics.errors import InputError
+from tombo_logs.checks import check_log
+from tombo_logs.readers.log_reader import read_logs
+
+LOG = Path(__file__).parents[6] / "shared/data/flights/B10_lissajous_fast_rep1.csv.gz"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not LOG.exists(), reason=f"{LOG} is not there")
+def test_what_one_log_can_show():
+    (log,) = read_logs([LOG], mapping="nanobench")
+    missed = []
+    for k, mutation in enumerate(MUTATIONS):
+        try:
+            named = mutation.named_by(check_log(mutation.applied(log, 0, (SEED, k))).findings)
+        except InputError as error:
+            named = mutation.named_by_error(error)
+        if not named:
+            missed.append(mutation.name)
+    assert missed == ["motors: all commands scaled by 0.8"]
+    assert not [f for f in check_log(log).findings if f.severity != "info"]
+
+
+@pytest.mark.parametrize(
+    ("only", "asked"), [("healthy", ["healthy"]), (None, ["plain", "healthy"])]
+)
+def test_one_way_is_asked_alone(monkeypatch, only, asked):
+    """Without a vehicle file, --vehicle is no way to ask."""
+    ways = []
+    log = Flight.measured("new", "", {})
+    for way in mutations.WAYS:
+        monkeypatch.setitem(mutations.WAYS, way, lambda *_, way=way: ways.append(way))
+    monkeypatch.setattr(mutations, "MUTATIONS", ())
+    monkeypatch.setattr(mutations, "_said", lambda *_: set())
+    ask_all(log, Reference(None, [log]), only)
+    assert ways == asked
+    with pytest.raises(InputError, match=r"--way 'vehicle'; accepted: plain or healthy"):
+        ask_all(log, Reference(None, [log]), "vehicle")
