@@ -15,35 +15,23 @@ from numpy.typing import NDArray
 from tombo_bag.columns import ColumnTable, columns_of
 from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.message_codec import encoded
-from tombo_bag.topics import MOCAP_POSE, POSE_TYPES
-from tombo_dynamics.time_base import SECOND_NS
+from tombo_bag.topics import MOCAP_POSE
 
 
 class _Bodies(NamedTuple):
-    """Where a message has its bodies."""
+    """Where a message has its bodies: the sequence, and the name in each."""
 
     sequence: str
     name: str
-    position: str
-    attitude: str
-    header: str
-    """Path of the header; `{body}` stands for that of the body."""
 
 
-_TF = "tf2_msgs/msg/TFMessage"
 _TYPES = {
-    "motion_capture_tracking_interfaces/msg/NamedPoseArray": _Bodies(
-        "poses", "name", "pose.position", "pose.orientation", "header"
-    ),
-    "mocap4r2_msgs/msg/RigidBodies": _Bodies(
-        "rigidbodies", "rigid_body_name", "pose.position", "pose.orientation", "header"
-    ),
-    _TF: _Bodies(
-        "transforms", "child_frame_id", "transform.translation", "transform.rotation",
-        "{body}.header",
-    ),
-}  # fmt: skip
+    "motion_capture_tracking_interfaces/msg/NamedPoseArray": _Bodies("poses", "name"),
+    "mocap4r2_msgs/msg/RigidBodies": _Bodies("rigidbodies", "rigid_body_name"),
+}
 """Type of the driver's messages → where they have their bodies."""
+_POSE = (("position", "position", "xyz"), ("attitude", "orientation", "xyzw"))
+"""Field of a pose here, and in the message with its axes."""
 
 
 class RigidBodies(BagFile):
@@ -79,21 +67,15 @@ def _by_body(
     place = 0
     while f"{bodies.sequence}[{place}].{bodies.name}" in table:
         body = f"{bodies.sequence}[{place}]"
-        header = bodies.header.format(body=body)
         names = table[f"{body}.{bodies.name}"]
         for name in np.unique(names[names != ""]):
             rows = np.flatnonzero(names == name)
-            stamps = [table[f"{header}.stamp.{part}"][rows] for part in ("sec", "nanosec")]
             pose = {
-                key: np.column_stack([table[f"{body}.{path}.{axis}"][rows] for axis in axes])
-                for key, path, axes in (
-                    ("position", bodies.position, "xyz"),
-                    ("attitude", bodies.attitude, "xyzw"),
-                )
+                key: np.column_stack([table[f"{body}.pose.{path}.{axis}"][rows] for axis in axes])
+                for key, path, axes in _POSE
             }
-            stamp_ns = stamps[0].astype(np.int64) * SECOND_NS + stamps[1].astype(np.int64)
-            frame_id = table[f"{header}.frame_id"][rows]
-            given = {"stamp_ns": stamp_ns, "frame_id": frame_id, **pose}
+            header = {"stamp_ns": table["stamp_ns"], "frame_id": table["header.frame_id"]}
+            given = {key: column[rows] for key, column in header.items()} | pose
             columns.setdefault(str(name).strip("/"), []).append((rows, given))
         place += 1
     for name, parts in columns.items():
@@ -109,8 +91,6 @@ def bodies_in(
 ) -> Iterator[RigidBodies]:
     """Yield the rigid bodies of all topics that hold several.
 
-    Transforms count where no other topic has poses: they repeat those of a driver or a node.
-
     Args:
         files: of a recording.
         read: returns the messages of a topic of a file.
@@ -118,12 +98,9 @@ def bodies_in(
     Raises:
         InputError: as `RigidBodies`.
     """
-    there = {stream.typename for file in files for stream in file.topics.values() if stream.count}
-    others = there & {*POSE_TYPES, *_TYPES} - {_TF}
     for file in files:
         for topic, stream in file.topics.items():
-            wanted = stream.typename in _TYPES and (stream.typename != _TF or not others)
-            if wanted and stream.count:
+            if stream.typename in _TYPES and stream.count:
                 raw = read(file, topic)
                 if raw.messages:
                     yield RigidBodies(file, topic, raw)
