@@ -49,7 +49,7 @@ class Line(NamedTuple):
 
 @dataclass
 class Proposal:
-    """Entries of a mapping, and what it can't hold."""
+    """Entries of a mapping, and notes on columns that it can't hold."""
 
     axes: list[Line] = field(default_factory=list)
     """time, world, body."""
@@ -237,7 +237,7 @@ def _rotors(usable: Usable, proposal: Proposal) -> None:
 
 
 def _command_range(values: Array) -> tuple[float, float] | None:
-    """Return the values of no and full power; None: these are no motor commands."""
+    """Return the values of no and full power; None: the values fit no range."""
     running = values[values > 1e-3 * values.max(initial=0.0)]
     if not running.size:
         return None

@@ -15,7 +15,7 @@ from tombo_logs.checks.spans import runs
 _BIN_S = 0.25
 _SIDE = 8
 """Bins on either side that are compared."""
-_FAR = 4 * _SIDE
+_LASTING = 4 * _SIDE
 """Bins on either side over which a step must last."""
 _STEP = 0.06
 """Share by which thrust per command steps."""
@@ -68,7 +68,7 @@ def changes(flight: str, t: Array, force: Array, drive: Array) -> list[Finding]:
 
 def _lasts(middles: Array, at: int, step: float) -> bool:
     """Return whether the step lasts: the effect of a manoeuvre does not."""
-    before, after = middles[max(at - _FAR, 0) : at], middles[at : at + _FAR]
+    before, after = middles[max(at - _LASTING, 0) : at], middles[at : at + _LASTING]
     apart = float(np.median(after) - np.median(before)) / step
     spreads = [float(np.subtract(*np.percentile(side, [85.0, 15.0]))) for side in (before, after)]
     return apart > 0.7 and max(spreads) < 0.8 * abs(step)
