@@ -48,7 +48,7 @@ ROSDEP_KEY = {
 TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
 WITHOUT_KEY = {
     *("daqp", "distributed", "foxglove", "gymnasium", "motioncapture", "pyarrow", "pyulog"),
-    *("ruptures", "starlette", "uvicorn", "websockets"),
+    *("starlette", "uvicorn", "websockets"),
 }
 """Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
 

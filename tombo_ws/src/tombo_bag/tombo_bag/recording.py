@@ -81,7 +81,7 @@ class Recording:
 
     @property
     def damage(self) -> list[str]:
-        """What could not be read so far, a line each; complete after all topics are read."""
+        """Damage found so far, a line each; complete after all topics are read."""
         several = len({file.path for file in self.files}) > 1
         lines = list(self._notes)
         for file in self.files:
@@ -91,7 +91,7 @@ class Recording:
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Named text values that stand beside the messages; of several files the first counts."""
+        """Metadata records, name → texts by key; of several files the first counts."""
         merged: dict[str, dict[str, str]] = {}
         for file in reversed(self.files):
             merged.update({name: dict(values) for name, values in file.metadata.items()})
@@ -128,7 +128,7 @@ class Recording:
 
         Args:
             log_ns: log times, rising.
-            now_ns: what the other clock read then.
+            now_ns: reading of the other clock then.
         """
         self._clock = log_ns, now_ns
         self._tables.clear()
@@ -241,7 +241,7 @@ class Recording:
             return []
 
     def _files_of_folder(self) -> list[Path]:
-        """Return all recordings in the folder; note those that `metadata.yaml` misses."""
+        """Return all recordings in the folder; note those of `metadata.yaml` that are missing."""
         there = sorted(p for p in self.path.iterdir() if p.name.endswith(SUFFIXES))
         described = self.path / "metadata.yaml"
         if described.is_file():
@@ -282,7 +282,7 @@ class Recording:
         raise InputError(f"'{path}' starts with bytes {start[:8].hex(' ')}; accepted: {READABLE}")
 
     def _unpack(self, path: Path) -> Path:
-        """Unpack a file compressed as a whole; of a cut one, what is there."""
+        """Unpack a file compressed as a whole; of a cut one, its beginning."""
         if self._unpacked is None:
             self._unpacked = tempfile.TemporaryDirectory(prefix="tombo-")
         target = Path(self._unpacked.name) / path.name.removesuffix(".zstd")

@@ -68,7 +68,7 @@ class SqliteFile(BagFile):
         return parse_schema(typename, text) if text.strip() else super().types(topic)
 
     def _open(self) -> sqlite3.Connection:
-        """Open the file; a copy of its whole pages if it is cut off or has a log beside it."""
+        """Open the file, or a copy of its whole pages if it is cut off or has a log."""
         path, how = self.path.resolve(), "mode=ro&immutable=1"
         log = path.with_name(f"{path.name}-wal")
         page, announced = _page_and_size(path)

@@ -23,22 +23,22 @@ GZIP_MAGIC = b"\x1f\x8b"
 _SHARE = 0.25
 """Of the machine's memory, which messages as bytes and again as columns have to share."""
 _PIECE = 1 << 20
-_GIVEN: ContextVar[int | None] = ContextVar("unpacking limit", default=None)
+_LIMIT: ContextVar[int | None] = ContextVar("unpacking limit", default=None)
 
 
 @contextmanager
 def unpacking_up_to(limit: int | None) -> Iterator[None]:
-    """Let files be unpacked to this many bytes each; None: to what the machine's memory allows."""
-    before = _GIVEN.set(limit)
+    """Let files be unpacked to this many bytes each; None: to a share of the machine's memory."""
+    before = _LIMIT.set(limit)
     try:
         yield
     finally:
-        _GIVEN.reset(before)
+        _LIMIT.reset(before)
 
 
 def memory_limit() -> int:
     """Return how many bytes the messages of one file may take: as given, else by the memory."""
-    given = _GIVEN.get()
+    given = _LIMIT.get()
     if given is not None:
         return given
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
@@ -103,7 +103,7 @@ def unpack(how: str, data: Any, size: int) -> Any:
 
 
 def unpack_file(source: BinaryIO, out: BinaryIO, allowance: Allowance) -> str:
-    """Unpack a file that zstd has packed as a whole; return what is wrong with it, or nothing.
+    """Unpack a file that zstd has packed as a whole; return its damage, or nothing.
 
     Raises:
         InputError: it unpacks to more than is allowed.
@@ -122,7 +122,7 @@ def unpack_file(source: BinaryIO, out: BinaryIO, allowance: Allowance) -> str:
 
 
 def ungzip(raw: bytes, allowance: Allowance) -> tuple[bytes, str]:
-    """Return what gzip has packed, of a damaged file what is there; and what is wrong with it.
+    """Return what gzip has packed, of a damaged file its beginning; and the damage.
 
     Raises:
         InputError: it unpacks to more than is allowed.

@@ -48,7 +48,7 @@ def test_a_crazyflies_table_gives_back_its_flight(tmp_path):
         np.testing.assert_allclose(log.series[channel].values, values, atol=tolerance)
     turns = Rotation.from_quat(log.series["attitude"].values).inv() * tables.TURN
     assert turns.magnitude().max() < 1e-6
-    assert doubts(text) == ["position", "gyro", "airframe"]
+    assert doubts(text) == ["position", "attitude", "gyro", "voltage", "airframe"]
     assert np.ptp(log.series["position"].t) == pytest.approx(np.ptp(tables.T), abs=0.02)
 
 

@@ -27,9 +27,9 @@ _WIDTH: Final = 96
 
 
 def explain_mapping(path: Path) -> str:
-    """Return a mapping file for a log, with a reason for each line and what is doubtful.
+    """Return a mapping file for a log, with a reason for each line, and doubts.
 
-    Of a log that needs none: what is read from it.
+    Of a log that needs none: the channels that are read from it.
 
     Raises:
         InputError: it can't be read, or nothing in it can be used.
@@ -66,7 +66,7 @@ def _of_table(table: CsvTable) -> Proposal:
 
 
 def _tried(path: Path, mapping: LogMapping) -> list[str]:
-    """Return what is read with a mapping, and what the checks say of it."""
+    """Return the channels that are read with a mapping, and the findings of the checks."""
     try:
         log = read_log(path, path.name, mapping)
     except InputError as error:

@@ -15,7 +15,6 @@ from tombo_bag.channels import CHANNELS
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.spans import interpolated
 from tombo_logs.proposal.names import Candidate, candidates, grouped, is_estimate, is_speed
 from tombo_logs.readers.units import UNITS
 
@@ -28,10 +27,15 @@ _LEAST_ROWS: Final = 20
 _LARGEST: Final = 1e9
 """No sensor has a larger value, in any unit."""
 _USUAL_STEP_S: Final = 0.01
-_FASTEST: Final = 40.0
-"""m/s: no vehicle flies faster under motion capture for most of a flight."""
-_FASTEST_TURN: Final = 15.0
-"""rad/s that a gyro hardly ever exceeds; in deg/s a flight does so all the time."""
+_BY_SIZE: Final = {
+    "position": (100.0, "m", "mm"),
+    "attitude": (2.0 * np.pi, "rad", "deg"),
+    "gyro": (15.0, "rad/s", "deg/s"),
+    "rotor_speed": (3000.0, "rad/s", "rpm"),
+    "voltage": (100.0, "V", "mV"),
+    "current": (200.0, "A", "mA"),
+}
+"""Channel → value that is hardly ever exceeded in its unit, this unit, and that of larger ones."""
 
 
 class Line(NamedTuple):
@@ -45,7 +49,7 @@ class Line(NamedTuple):
 
 @dataclass
 class Proposal:
-    """Entries of a mapping, and what it can't hold."""
+    """Entries of a mapping, and notes on columns that it can't hold."""
 
     axes: list[Line] = field(default_factory=list)
     """time, world, body."""
@@ -68,23 +72,29 @@ def propose(columns: Mapping[str, Array]) -> Proposal:
         return proposal
     usable = {
         role: [(c, s) for c in candidates(role, groups) if (s := _series(columns, t, c))]
-        for role in ("position", "quaternion", "angles", "gyro", "accel", "rotors", *_SUPPLY)
+        for role in (
+            "position",
+            "quaternion",
+            "angles",
+            "gyro",
+            "accel",
+            "rotors",
+            "voltage",
+            "current",
+        )
     }
     doubt = "" if proposal.is_crazyflie else "assumed; the checks compare it with the motion"
     proposal.axes += [
         Line("world", {"": "ENU"}, "x, y, z of the file are east, north, up", doubt),
         Line("body", {"": "FLU"}, "x, y, z of the vehicle are forward, left, up", doubt),
     ]
-    if usable["position"]:
-        proposal.channels.append(_position(usable["position"]))
-    else:
+    if not usable["position"]:
         proposal.notes.append("no columns of a position (x, y, z): needed for a diagnosis")
+    for key in ("position", "gyro", "voltage", "current"):
+        proposal.channels += [_vector(key, usable[key])] if usable[key] else []
     _attitude(usable["quaternion"], usable["angles"], proposal)
-    proposal.channels += [_gyro(*found) for found in usable["gyro"][:1]]
     _accelerometer(usable["accel"], proposal)
     _rotors(usable["rotors"], proposal)
-    for key in _SUPPLY:
-        proposal.channels += [_supply(key, *found) for found in usable[key][:1]]
     proposal.channels.sort(key=lambda line: list(CHANNELS).index(line.key))
     return proposal
 
@@ -152,12 +162,9 @@ def _attitude(quaternions: Usable, angles: Usable, proposal: Proposal) -> None:
         roll, pitch, yaw = candidate.columns
         # the Crazyflie's firmware counts it upwards
         pitch = "-" * ("stabilizer" in candidate.group.words) + pitch
-        unit, doubt = candidate.group.unit, ""
-        high = float(np.nanpercentile(np.abs(series.values), 99.5))
-        if unit not in UNITS["rad"]:
-            unit, doubt = ("deg", "") if high > 2.0 * np.pi else ("rad", "or degrees?")
+        unit, why, doubt = _unit("attitude", candidate, series)
         content = {"columns": [roll, pitch, yaw], "order": "rpy", "unit": unit}
-        proposal.channels.append(Line("attitude", content, f"values up to {high:.3g}", doubt))
+        proposal.channels.append(Line("attitude", content, why, doubt))
         return
     proposal.notes.append("an attitude needs roll, pitch and yaw, or a quaternion")
 
@@ -179,42 +186,37 @@ def _accelerometer(usable: Usable, proposal: Proposal) -> None:
         proposal.notes.append(f"{text}; an estimator's acceleration is channel acceleration")
 
 
-def _position(usable: Usable) -> Line:
+def _vector(key: str, usable: Usable) -> Line:
     candidate, series = usable[0]
-    unit, why = candidate.group.unit, "as named"
-    if not unit:
-        seconds = np.arange(series.t[0], series.t[-1] + 1.0)
-        places = interpolated(seconds, series.t, series.values)
-        speed = float(np.median(np.linalg.norm(np.diff(places, axis=0), axis=1)))
-        unit = "mm" if speed > _FASTEST or not np.any(series.values % 1.0) else "m"
-        why = f"it moves by {speed:.3g} a second"
+    unit, why, doubt = _unit(key, candidate, series)
     if len(usable) > 1:
         why += f"; there is also {', '.join(c.columns[0] for c, _ in usable[1:4])}"
-    estimate = "an estimate of the vehicle, no motion capture: smoothed with its IMU"
-    doubt = estimate if is_estimate(candidate.group) else ""
-    return Line("position", {"columns": list(candidate.columns), "unit": unit}, why, doubt)
+    if key == "position" and is_estimate(candidate.group):
+        doubt = "an estimate of the vehicle, no motion capture: smoothed with its IMU"
+    return Line(key, {"columns": list(candidate.columns), "unit": unit}, why, doubt)
 
 
-def _gyro(candidate: Candidate, series: Series) -> Line:
-    unit = {"rad": "rad/s", "deg": "deg/s"}.get(candidate.group.unit, candidate.group.unit)
-    high, doubt = float(np.percentile(np.abs(series.values), 99)), ""
-    if unit not in UNITS["rad/s"]:
-        unit, doubt = "deg/s" if high > _FASTEST_TURN else "rad/s", "the unit is a guess"
-    why = f"99 % of the values are below {high:.3g}"
-    return Line("gyro", {"columns": list(candidate.columns), "unit": unit}, why, doubt)
+def _unit(key: str, candidate: Candidate, series: Series) -> tuple[str, str, str]:
+    """Return the unit that a name says, else the one that the size suggests; reason, and doubt."""
+    limit, usual, larger = _BY_SIZE[key]
+    named = candidate.group.unit
+    for unit in (named, f"{named}/s"):
+        if unit in UNITS[usual]:
+            return unit, "unit as named", ""
+    high = float(np.percentile(np.abs(series.values), 99.0))
+    unit = larger if high > limit else usual
+    return unit, f"99 % of the values are below {high:.3g}", "the unit is guessed from the size"
 
 
 def _rotors(usable: Usable, proposal: Proposal) -> None:
     """Propose rotor speeds and motor commands, in the order of their maker."""
     for candidate, series in usable:
-        columns, unit = candidate.columns, candidate.group.unit
+        columns = candidate.columns
         low, high = float(series.values.min()), float(series.values.max())
         span, doubt = _command_range(series.values), ""
         content: dict[str, object]
         if is_speed(candidate.group):
-            if unit not in UNITS["rad/s"]:
-                unit = "rpm" if high > 3000.0 else "rad/s"
-                doubt = "rpm and rad/s differ in size alone; "
+            unit, _, doubt = _unit("rotor_speed", candidate, series)
             key, content = "rotor_speed", {"unit": unit}
         elif span is not None:
             key, content = "motor_command", {"range": list(span)}
@@ -228,13 +230,14 @@ def _rotors(usable: Usable, proposal: Proposal) -> None:
         crazyflie = proposal.is_crazyflie or span == _PWM
         maker, order = ("Bitcraze", _BITCRAZE) if crazyflie else ("PX4 and ArduCopter", range(4))
         why = f"values from {low:.4g} to {high:.4g}; order of {maker}"
-        doubt += "" if crazyflie else "the order of the rotors is assumed"
+        if not crazyflie:
+            doubt = "; ".join(filter(None, (doubt, "the order of the rotors is assumed")))
         ours = {"columns": [columns[i] for i in order], **content}
         proposal.channels.append(Line(key, ours, why, doubt))
 
 
 def _command_range(values: Array) -> tuple[float, float] | None:
-    """Return the values of no and full power; None: these are no motor commands."""
+    """Return the values of no and full power; None: the values fit no range."""
     running = values[values > 1e-3 * values.max(initial=0.0)]
     if not running.size:
         return None
@@ -246,17 +249,3 @@ def _command_range(values: Array) -> tuple[float, float] | None:
         if usual and few > low - 0.12 * size and most < full + 0.05 * size:
             return low, full
     return None
-
-
-_SUPPLY: Final = {"voltage": "V", "current": "A"}
-"""Channel → its unit."""
-
-
-def _supply(key: str, candidate: Candidate, series: Series) -> Line:
-    middle, unit, usual = float(np.median(series.values)), candidate.group.unit, _SUPPLY[key]
-    doubt = "the unit is a guess" if key == "current" and unit not in UNITS[usual] else ""
-    if unit not in UNITS[usual]:
-        unit = f"m{usual}" if abs(middle) > 200.0 else usual
-    return Line(
-        key, {"columns": list(candidate.columns), "unit": unit}, f"median {middle:.4g}", doubt
-    )

@@ -1,13 +1,10 @@
-"""Rotor speeds against commands, their order, and saturation."""
+"""Rotor speeds against commands, and saturation."""
 
 from __future__ import annotations
-
-from itertools import permutations
 
 import numpy as np
 
 from tombo_bag.flight import Finding, Series
-from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_logs.checks.spans import Mask, interpolated
 from tombo_logs.checks.unit_mistakes import guess
@@ -76,26 +73,7 @@ def speed_against_command(
     if not 0.8 < middle < 1.25:
         text = f"{middle:.2f} times what is asked for; expected: about 1"
         findings.append(_rpm(flight, "warning", text))
-    order = _order(asked, got)
-    if order is not None:
-        names = ", ".join(ROTOR_NAMES[i] for i in order)
-        text = f"in the order {names} they fit the commands; expected: {', '.join(ROTOR_NAMES)}"
-        return [*findings, _rpm(flight, "fault", f"{text}; left out")]
     return findings
-
-
-def _order(asked: Array, got: Array) -> tuple[int, ...] | None:
-    """Return which rotor each column of `got` is, where that is clear and not as it stands."""
-    a = asked - asked.mean(axis=1, keepdims=True)
-    g = got - got.mean(axis=1, keepdims=True)
-    a, g = a - a.mean(axis=0), g - g.mean(axis=0)
-    spread = np.sqrt((a**2).mean(axis=0)[:, None] * (g**2).mean(axis=0)[None, :])
-    match = (a.T @ g) / len(a) / np.maximum(spread, 1e-12)
-    scores = {p: sum(match[p[i], i] for i in range(4)) for p in permutations(range(4))}
-    best = max(scores, key=lambda p: scores[p])
-    same = (0, 1, 2, 3)
-    clear = scores[best] > 2.4 and scores[best] > scores[same] + 1.0
-    return best if best != same and clear else None
 
 
 def _rpm(flight: str, severity: str, text: str) -> Finding:
