@@ -36,6 +36,7 @@ uint32 nanosec
 """
 NAMED = "motion_capture_tracking_interfaces/msg/NamedPoseArray"
 RIGID = "mocap4r2_msgs/msg/RigidBodies"
+TF = "tf2_msgs/msg/TFMessage"
 DEFINITIONS = {
     NAMED: "std_msgs/Header header\nmotion_capture_tracking_interfaces/NamedPose[] poses\n"
     f"{SEPARATOR}\nMSG: motion_capture_tracking_interfaces/NamedPose\nstring name\n"
@@ -43,6 +44,11 @@ DEFINITIONS = {
     RIGID: f"std_msgs/Header header\nuint32 frame_number\nmocap4r2_msgs/RigidBody[] rigidbodies\n"
     f"{SEPARATOR}\nMSG: mocap4r2_msgs/RigidBody\nstring rigid_body_name\nint32[] markers\n"
     f"geometry_msgs/Pose pose\n{HEADER}{POSE}",
+    TF: f"geometry_msgs/TransformStamped[] transforms\n{SEPARATOR}\n"
+    "MSG: geometry_msgs/TransformStamped\nstd_msgs/Header header\nstring child_frame_id\n"
+    f"geometry_msgs/Transform transform\n{SEPARATOR}\nMSG: geometry_msgs/Transform\n"
+    f"geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n{SEPARATOR}\n"
+    f"MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n{HEADER}{POSE}",
 }
 PLACES = {"drone": [0.1, 0.2, 0.3], "wand": [1.0, 2.0, 3.0]}
 TURN = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
@@ -57,13 +63,17 @@ def message(store, typename, k, bodies):
     made = []
     for name in bodies:
         x, y, z = np.add(PLACES[name], [0.01 * k * (name == "drone"), 0.0, 0.0]).tolist()
+        if typename == TF:
+            moved = t["geometry_msgs/msg/Transform"](t["geometry_msgs/msg/Vector3"](x, y, z), turn)
+            made.append(t["geometry_msgs/msg/TransformStamped"](header, name, moved))
+            continue
         pose = t["geometry_msgs/msg/Pose"](t["geometry_msgs/msg/Point"](x, y, z), turn)
         if typename == NAMED:
             made.append(t["motion_capture_tracking_interfaces/msg/NamedPose"](name, pose))
         else:
             none = np.zeros(0, np.int32)
             made.append(t["mocap4r2_msgs/msg/RigidBody"](name, none, pose))
-    given = {NAMED: (header, made), RIGID: (header, k, made)}[typename]
+    given = {NAMED: (header, made), RIGID: (header, k, made), TF: (made,)}[typename]
     return bytes(store.serialize_cdr(t[typename](*given), typename))
 
 
@@ -112,3 +122,11 @@ def test_a_body_that_is_lost_at_times_keeps_its_own_poses(tmp_path):
     seen = np.arange(20)[np.arange(20) % 2 == 0]
     assert table["pose.position.x"] == pytest.approx(0.1 + 0.01 * seen)
     assert np.array_equal(table["log_time_ns"], 6_000_000_000 + seen)
+
+
+def test_transforms_count_where_nothing_else_has_poses(tmp_path):
+    """A driver with poses publishes them as /tf, too."""
+    recorded(tmp_path / "a_0.mcap", NAMED)
+    recorded(tmp_path / "a_1.mcap", TF, topic="/tf")
+    with Recording(tmp_path) as recording:
+        assert set(recording.topics) == {"/poses", "/poses/drone", "/poses/wand", "/tf"}

@@ -23,6 +23,7 @@ _DSHOT = 1999.0
 """Throttle of DShot that stands for 1; PX4 logs it beside pulses, in the same field."""
 _SHORTEST = 0.95
 """Share of the shortest pulse below which values are no pulses."""
+_SLOWED = "Gazebo may turn its joints slower than the rotors (rotorVelocitySlowdownSim)"
 
 
 @dataclass(frozen=True)
@@ -32,12 +33,13 @@ class RotorReading:
     channel: str
     values: Array
     """(N, 4), rad/s, or commands from 0 to 1; in the order of the message."""
+    doubt: str = ""
 
 
-def rotor_reading(typename: str, table: ColumnTable) -> RotorReading | None:
-    """Return speeds or commands of four rotors from messages of a type; None: they have none."""
+def rotor_reading(typename: str, topic: str, table: ColumnTable) -> RotorReading | None:
+    """Return what messages of a type say of four rotors; None: nothing."""
     reader = _READERS.get(typename)
-    return None if reader is None else reader(table)
+    return None if reader is None else reader(topic, table)
 
 
 def is_rotor_type(typename: str) -> bool:
@@ -70,16 +72,20 @@ def moving(candidates: Sequence[Array]) -> int:
     )
 
 
-def _actuators(table: ColumnTable) -> RotorReading | None:
-    for field, channel in (("velocity", "rotor_command"), ("normalized", "motor_command")):
-        values = None if _has_more(table, field) else _four(table, field)
-        if values is not None:
-            return RotorReading(channel, np.abs(values))
-    return None
+def _actuators(topic: str, table: ColumnTable) -> RotorReading | None:
+    """Of Gazebo and RotorS: what is asked for, unless a topic of RotorS says `motor_speed`."""
+    commanded = "velocity" in table or "command" in topic or "cmd" in topic
+    for field in ("velocity", "angular_velocities"):
+        speeds = None if _has_more(table, field) else _four(table, field)
+        if speeds is not None:
+            channel = "rotor_command" if commanded else "rotor_speed"
+            return RotorReading(channel, np.abs(speeds), "the order depends on the model file")
+    share = None if _has_more(table, "normalized") else _four(table, "normalized")
+    return None if share is None else RotorReading("motor_command", share)
 
 
-def _escs(name: str) -> Callable[[ColumnTable], RotorReading | None]:
-    def read(table: ColumnTable) -> RotorReading | None:
+def _escs(name: str) -> Callable[[str, ColumnTable], RotorReading | None]:
+    def read(topic: str, table: ColumnTable) -> RotorReading | None:
         columns = [table.get(f"{name}[{i}].rpm") for i in range(4)]
         fifth = table.get(f"{name}[4].rpm", np.zeros(1))
         if np.any(fifth) or any(c is None or c.dtype.kind not in "fiu" for c in columns):
@@ -90,10 +96,32 @@ def _escs(name: str) -> Callable[[ColumnTable], RotorReading | None]:
     return read
 
 
-def _pulses(table: ColumnTable) -> RotorReading | None:
+def _pulses(topic: str, table: ColumnTable) -> RotorReading | None:
     pulses = _four(table, "channels")
     share = None if pulses is None else share_of_pulse(pulses)
     return None if share is None else RotorReading("motor_command", share)
+
+
+def _hil_controls(topic: str, table: ColumnTable) -> RotorReading | None:
+    controls = _four(table, "controls")
+    return None if controls is None else RotorReading("motor_command", controls)
+
+
+def _joints(topic: str, table: ColumnTable) -> RotorReading | None:
+    """Take joints with rotor, motor or prop in their names, in the order of these names."""
+    speeds = table.get("velocity")
+    if speeds is None or speeds.ndim != 2 or speeds.dtype.kind not in "fiu":
+        return None
+    names = {key: str(column[0]) for key, column in table.items() if key.startswith("name[")}
+    rotors = sorted(
+        (joint, int(key[5:-1]))
+        for key, joint in names.items()
+        if any(word in joint.lower() for word in ("rotor", "motor", "prop"))
+    )
+    if len(rotors) != 4 or speeds.shape[1] != len(names):
+        return None
+    columns = [i for _, i in rotors]
+    return RotorReading("rotor_speed", np.abs(speeds[:, columns].astype(np.float64)), _SLOWED)
 
 
 def _has_more(table: ColumnTable, field: str) -> bool:
@@ -111,11 +139,14 @@ def _four(table: ColumnTable, field: str) -> Array | None:
     return first if np.isfinite(first).any() else None
 
 
-_READERS: Mapping[str, Callable[[ColumnTable], RotorReading | None]] = {
+_READERS: Mapping[str, Callable[[str, ColumnTable], RotorReading | None]] = {
     "mavros_msgs/msg/ESCStatus": _escs("esc_status"),
     "mavros_msgs/msg/ESCTelemetry": _escs("esc_telemetry"),
     "actuator_msgs/msg/Actuators": _actuators,
+    "mav_msgs/msg/Actuators": _actuators,
+    "sensor_msgs/msg/JointState": _joints,
     "mavros_msgs/msg/RCOut": _pulses,
+    "mavros_msgs/msg/HilActuatorControls": _hil_controls,
 }
 """Best first, where several hold the same channel."""
 RANKS = {typename: rank for rank, typename in enumerate(_READERS)}

@@ -10,6 +10,8 @@ HEADER = "std_msgs/Header header\n"
 DEFINITIONS = {
     "actuator_msgs/msg/Actuators": HEADER
     + "float64[] position\nfloat64[] velocity\nfloat64[] normalized\n",
+    "mav_msgs/msg/Actuators": HEADER
+    + "float64[] angles\nfloat64[] angular_velocities\nfloat64[] normalized\n",
     "mavros_msgs/msg/ESCStatusItem": HEADER + "int32 rpm\nfloat32 voltage\nfloat32 current\n",
     "mavros_msgs/msg/ESCStatus": HEADER + "mavros_msgs/ESCStatusItem[] esc_status\n",
     "mavros_msgs/msg/ESCTelemetryItem": "uint8 temperature\nuint16 voltage\nuint16 current\n"

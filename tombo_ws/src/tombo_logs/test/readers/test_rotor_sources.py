@@ -24,12 +24,21 @@ def items(name, i, **more):
 STREAMS = {
     "actuator_msgs": ("/x3/command/motor_speed", "actuator_msgs/msg/Actuators", "rotor_command",
                       lambda i: {"velocity": SPEED.values[i]}),
+    "rotors asked": ("/iris/command/motor_speed", "mav_msgs/msg/Actuators", "rotor_command",
+                     lambda i: {"angular_velocities": SPEED.values[i]}),
+    "rotors measured": ("/iris/motor_speed", "mav_msgs/msg/Actuators", "rotor_speed",
+                        lambda i: {"angular_velocities": SPEED.values[i]}),
     "mavros": ("/mavros/esc_status/status", "mavros_msgs/msg/ESCStatus", "rotor_speed",
                lambda i: items("esc_status", i)),
     "ardupilot": ("/mavros/esc_telemetry", "mavros_msgs/msg/ESCTelemetry", "rotor_speed",
                   lambda i: items("esc_telemetry", i, voltage=1500)),
     "pulses": ("/mavros/rc/out", "mavros_msgs/msg/RCOut", "motor_command",
                lambda i: {"channels": np.round(1000.0 + 1000.0 * SHARE[i]).astype(int)}),
+    "joints": ("/joint_states", "sensor_msgs/msg/JointState", "rotor_speed",
+               lambda i: {"name": ["rotor_1_joint", "gimbal", "rotor_0_joint", "rotor_3_joint",
+                                   "rotor_2_joint"],
+                          "velocity": np.insert(SPEED.values[i, [1, 0, 3, 2]] * [1, 1, -1, -1],
+                                                1, 77.0)}),
 }  # fmt: skip
 
 

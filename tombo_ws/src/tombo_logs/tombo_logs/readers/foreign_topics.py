@@ -79,7 +79,7 @@ class ForeignTopics:
         by_channel: dict[str, list[tuple[int, str, Array]]] = {}
         for topic, typename in self._streams():
             table = self._table(topic) if is_rotor_type(typename) else None
-            reading = None if table is None else rotor_reading(typename, table)
+            reading = None if table is None else rotor_reading(typename, topic, table)
             if table is None or reading is None:
                 continue
             self.tables[topic] = table
@@ -87,7 +87,8 @@ class ForeignTopics:
                 (RANKS[typename], topic, reading.values)
             )
             text = f"{reading.channel}: from {topic} ({typename}), as PX4 orders a quad-X"
-            self._say("info", text, reading.channel)
+            doubt = f"; {reading.doubt}" if reading.doubt else ""
+            self._say("info", text + doubt, reading.channel)
         for channel, readings in by_channel.items():
             best = min(rank for rank, _, _ in readings)
             first = [(topic, values) for rank, topic, values in readings if rank == best]
