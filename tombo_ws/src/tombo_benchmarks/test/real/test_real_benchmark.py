@@ -1,16 +1,14 @@
 """Real flights: which answers count as right, and the page of a few trials from their files."""
 
 import json
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import pytest
 
-from tombo_benchmarks.real import real_benchmark
 from tombo_benchmarks.real.real_benchmark import aggregate, examine, outcome_of
 from tombo_benchmarks.real.real_page import real_page
-from tombo_benchmarks.real.trials import NOTHING, ROOT, Trial, conditions, trials
+from tombo_benchmarks.real.trials import NOTHING, ROOT, Trial, trials
 from tombo_bringup.cli.main import run
-from tombo_diagnosis.change.likelihood import GUESSED, LEARNT
 from tombo_flight.report.page import page_json
 
 DATA = ROOT.parent / "shared" / "data"
@@ -86,34 +84,8 @@ def test_trials_hold_no_flight_against_itself():
     assert all(sum(t.data_set == name for t in few) <= 2 for name in {t.data_set for t in few})
 
 
-def test_a_condition_left_out_teaches_nothing_about_itself(monkeypatch, tmp_path):
-    listed = [replace(WEIGHT, done=str(k)) for k in range(3)]
-    taught, asked = [], []
-
-    def learn(others, _folder):
-        taught.append([t.done for t in others])
-        return GUESSED
-
-    def answer(_trial, _folder, widths):
-        asked.append(widths)
-        return "none", frozenset(), 0.5
-
-    monkeypatch.setattr(real_benchmark, "learnt_from", learn)
-    monkeypatch.setattr(real_benchmark, "answer_of", answer)
-    for left_out in (True, False):
-        examine(listed, tmp_path, left_out, 0, 1)
-    assert taught == [["0", "2"]] and asked == [GUESSED, LEARNT]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not (DATA / "crazypad").is_dir(), reason=f"no {DATA / 'crazypad'}")
-def test_the_constants_are_those_that_all_conditions_teach():
-    learnt = astuple(real_benchmark.learnt_from(conditions(DATA), DATA))
-    assert learnt == pytest.approx(astuple(LEARNT), rel=0.02)
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not (DATA / "crazypad").is_dir(), reason=f"no {DATA / 'crazypad'}")
 def test_a_weight_near_a_rotor_is_answered_from_the_files():
     heavy = next(t for t in trials(DATA) if "W3 taped" in t.done)
-    assert examine([heavy], DATA, False, 0, 0)["outcome"] in ("right", "set")
+    assert examine([heavy], DATA, 0, 0)["outcome"] in ("right", "set")

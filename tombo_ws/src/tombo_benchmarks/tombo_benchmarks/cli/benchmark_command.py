@@ -208,12 +208,6 @@ class _Real:
         "not there is left out. Default: shared/data beside the repository.",
     )
     few: int | None = option("--few N", "At most N trials of each data set. Default: all.")
-    left_out: bool = option(
-        "--left-out",
-        "Only changes of a vehicle against its healthy flights, each with the constants that are "
-        "learnt from the others.",
-        False,
-    )
 
 
 def real(given: _Real, scored: Scored) -> None:
@@ -223,9 +217,7 @@ def real(given: _Real, scored: Scored) -> None:
     With -o the page is written beside the JSON, as .html; a run that is stopped goes on with
     the same command.
     """
-    few, left_out, output = given.few, given.left_out, scored.output
-    if left_out and few is not None:
-        raise InputError(f"--few {few}: accepted: without --left-out")
+    few, output = given.few, scored.output
     if few is not None and few < 1:
         raise InputError(f"--few {few}: out of bounds; accepted: 1 or more")
     if output is not None and output.suffix == ".html":
@@ -234,21 +226,21 @@ def real(given: _Real, scored: Scored) -> None:
         )
     from tombo_benchmarks.real.real_benchmark import benchmark
     from tombo_benchmarks.real.real_page import real_page
-    from tombo_benchmarks.real.trials import ROOT, conditions, trials
+    from tombo_benchmarks.real.trials import ROOT, trials
     from tombo_flight.report.html import write_page
 
     folder = ROOT.parent / "shared" / "data" if given.data is None else given.data
-    asked = conditions(folder) if left_out else trials(folder, few)
+    asked = trials(folder, few)
     rows: list[dict[str, Any]] = []
 
     def run(cases: int, *options: Any) -> Any:
-        result = benchmark(asked, folder, left_out, cases, *options)
+        result = benchmark(asked, folder, cases, *options)
         rows.extend(result.cases)
         if output is not None and len(rows) == cases:  # before printing, which may be cut
             write_page(output.with_suffix(".html"), real_page(rows, result.aggregate))
         return result
 
-    name = "real --left-out" if left_out else "real" if few is None else f"real --few {few}"
+    name = "real" if few is None else f"real --few {few}"
     scored.score(name, run, len(asked), 0, lambda found, cases: real_page(rows, found))
 
 

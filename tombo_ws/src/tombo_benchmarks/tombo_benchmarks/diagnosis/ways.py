@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tombo_bag.flight import Flight
-from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change, known_change
-from tombo_diagnosis.change.learning import KnownChange
-from tombo_diagnosis.change.likelihood import LEARNT, Widths
+from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.diagnose import check_flights, diagnose_flights
 from tombo_diagnosis.flight.nominal import NominalModel, nominal_model
@@ -25,31 +23,16 @@ def diagnosed(logs: Sequence[Flight], nominal: NominalModel) -> Diagnosis:
     return diagnose_flights(checked, nominal, left_out=refused)[0]
 
 
-def against_healthy(
-    new: Sequence[Flight], healthy: Sequence[Flight], widths: Widths = LEARNT
-) -> Diagnosis:
+def against_healthy(new: Sequence[Flight], healthy: Sequence[Flight]) -> Diagnosis:
     """Check new and healthy flights, and say what has changed.
 
     Args:
         new: flights in one new state.
         healthy: flights of the same vehicle before.
-        widths: how far changes are from what candidates predict.
 
     Raises:
         InputError: no flight of one side can be used.
     """
     (after, faults), (before, more) = (check_flights(s, needed=NEEDED) for s in (new, healthy))
     nominal, refused = nominal_model(), [*faults, *more]
-    return diagnose_change(after, before, nominal, left_out=refused, widths=widths)[0]
-
-
-def taught_by(
-    new: Sequence[Flight], healthy: Sequence[Flight], causes: Sequence[str]
-) -> KnownChange:
-    """Check flights of a known change and healthy ones, and return what they say.
-
-    Raises:
-        InputError: no flight of one side can be used.
-    """
-    (after, _), (before, _) = (check_flights(s, needed=NEEDED) for s in (new, healthy))
-    return known_change(after, before, nominal_model(), causes)
+    return diagnose_change(after, before, nominal, left_out=refused)[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,10 +11,8 @@ from scipy.stats import binomtest
 
 from tombo_bag.flight import Flight
 from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row, run_benchmark
-from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed, taught_by
+from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed
 from tombo_benchmarks.real.trials import NOTHING, Trial
-from tombo_diagnosis.change.learning import KnownChange, learnt_widths
-from tombo_diagnosis.change.likelihood import LEARNT, Widths
 from tombo_diagnosis.crash.reason import why
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.nominal import nominal_model
@@ -31,15 +29,12 @@ _ANSWERS: Final = ("right", "set", "wrong", "none")
 """Outcomes that state something: it is right, or not."""
 
 
-def answer_of(
-    trial: Trial, folder: Path, widths: Widths = LEARNT
-) -> tuple[str, frozenset[str], float]:
+def answer_of(trial: Trial, folder: Path) -> tuple[str, frozenset[str], float]:
     """Diagnose as the commands do; return verdict, named causes, confidence.
 
     Args:
         trial: flights and question.
         folder: of all data sets.
-        widths: learnt from flights of known changes.
 
     Raises:
         InputError: the logs can't be used.
@@ -51,7 +46,7 @@ def answer_of(
             return reason.cause, frozenset(reason.members), reason.confidence
         return "named", frozenset({reason.cause}), reason.confidence
     if trial.way == "healthy":
-        found = against_healthy(new, healthy, widths)
+        found = against_healthy(new, healthy)
         return found.verdict, _changed(found), found.confidence
     found = diagnosed(new, nominal_model())
     return (
@@ -66,20 +61,6 @@ def _flights(trial: Trial, folder: Path) -> tuple[list[Flight], list[Flight]]:
     paths = [folder / log for log in (*trial.logs, *trial.healthy)]
     flights = read_logs(paths, mapping=trial.mapping)
     return flights[: len(trial.logs)], flights[len(trial.logs) :]
-
-
-def learnt_from(trials: Sequence[Trial], folder: Path) -> Widths:
-    """Return what flights of known changes teach.
-
-    Raises:
-        InputError: logs can't be used.
-    """
-    return learnt_widths([_taught(t, folder) for t in trials])
-
-
-@cache
-def _taught(trial: Trial, folder: Path) -> KnownChange:
-    return taught_by(*_flights(trial, folder), sorted(trial.right))
 
 
 def _changed(found: Diagnosis) -> frozenset[str]:
@@ -106,17 +87,15 @@ def outcome_of(trial: Trial, verdict: str, said: frozenset[str]) -> str:
     return "right" if len(said) == 1 else "set"
 
 
-def examine(trials: Sequence[Trial], folder: Path, left_out: bool, _seed: int, number: int) -> Row:
-    """Ask about one trial and score it; `left_out`: with constants learnt from the others."""
+def examine(trials: Sequence[Trial], folder: Path, _seed: int, number: int) -> Row:
+    """Ask about one trial and score it."""
     trial = trials[number]
     row: Row = {
         "case": number, "data_set": trial.data_set, "way": trial.way, "done": trial.done,
         "truth": trial.truth, "right": sorted(trial.right),
     }  # fmt: skip
     try:
-        others = [t for t in trials if left_out and t != trial]
-        widths = learnt_from(others, folder) if others else LEARNT
-        verdict, said, confidence = answer_of(trial, folder, widths)
+        verdict, said, confidence = answer_of(trial, folder)
     except InputError as error:
         return row | {
             "verdict": "refused", "said": [str(error)], "confidence": None, "outcome": "refused",
@@ -171,8 +150,6 @@ def _bin(rows: Sequence[Row], low: float, high: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def benchmark(
-    trials: Sequence[Trial], folder: Path, left_out: bool, *options: Any
-) -> BenchmarkResult:
-    """Ask about all trials; `left_out` as in `examine`; `options`: of `run_benchmark`."""
-    return run_benchmark(partial(examine, trials, folder, left_out), aggregate, *options)
+def benchmark(trials: Sequence[Trial], folder: Path, *options: Any) -> BenchmarkResult:
+    """Ask about all trials; `options`: of `run_benchmark`."""
+    return run_benchmark(partial(examine, trials, folder), aggregate, *options)

@@ -137,20 +137,6 @@ def trials(folder: Path, few: int | None = None) -> list[Trial]:
     return chosen
 
 
-def conditions(folder: Path) -> list[Trial]:
-    """Return the trials of known changes of a vehicle, against its healthy flights.
-
-    Raises:
-        InputError: there are fewer than two.
-    """
-    listed = [t for t in _crazypad(folder) if t.truth != NOTHING]
-    if len(listed) < 2:
-        raise InputError(
-            f"--left-out: {len(listed)} conditions in '{folder}'; accepted: a folder with crazypad"
-        )
-    return listed
-
-
 def _paths(folder: Path, patterns: Iterable[str]) -> tuple[str, ...]:
     return tuple(
         str(path.relative_to(folder))

@@ -18,7 +18,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from tombo_diagnosis.change.features import Features, mean_of
-from tombo_diagnosis.change.likelihood import LEARNT, Widths, log_density, size_prior
+from tombo_diagnosis.change.likelihood import log_density, size_prior
 from tombo_diagnosis.change.signatures import (
     ADDED_WEIGHT,
     CENTRE,
@@ -145,7 +145,6 @@ def compare(
     tried: Sequence[ChangeCandidate],
     supply_doubt: float = 0.0,
     exponent_doubt: float = 0.0,
-    widths: Widths = LEARNT,
 ) -> HealthyComparison:
     """Weigh all candidates by the probability of the new flights' mean under each.
 
@@ -157,7 +156,6 @@ def compare(
             voltage than the healthy ones may have the demand of all rotors wrong by it.
         exponent_doubt: standard deviation of the curve's exponent over its value: what is asked
             for more is known to that share, but not whether it is.
-        widths: how far changes are from what candidates predict.
     """
     now = mean_of(new)
     shift = Features.of(now.vector - spread.mean.vector, now.supply - spread.mean.supply)
@@ -167,13 +165,13 @@ def compare(
     demand = shift.demand
     distance = float(demand @ np.linalg.solve(scale[:4, :4], demand)) / demand.size
     usual = float(stats.f.sf(distance, demand.size, spread.degrees))
-    nothing = float(log_density(scale, spread.degrees, shift.vector, None, widths)[0]) + math.log(
+    nothing = float(log_density(scale, spread.degrees, shift.vector, None)[0]) + math.log(
         NONE / (1.0 - NONE)
     )
     total = sum(_prior(c) for c in tried)
     logs, parts = [], []
     for candidate in tried:
-        density = log_density(scale, spread.degrees, shift.vector, candidate, widths)
+        density = log_density(scale, spread.degrees, shift.vector, candidate)
         log = float(logsumexp(density, b=size_prior(candidate)))
         logs.append(log + math.log(_prior(candidate) / total))
         # what is usual weighs candidates; the size is what these flights say

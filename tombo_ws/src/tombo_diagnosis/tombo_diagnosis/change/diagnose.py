@@ -28,8 +28,6 @@ from tombo_diagnosis.change.features import (
     features,
     mean_of,
 )
-from tombo_diagnosis.change.learning import KnownChange
-from tombo_diagnosis.change.likelihood import LEARNT, Widths
 from tombo_diagnosis.change.sessions import healthy_sessions
 from tombo_diagnosis.change.signatures import CENTRE, MASS, UNBALANCE, WEAK_PROPELLER, candidates
 from tombo_diagnosis.change.verdict import (
@@ -81,7 +79,6 @@ def diagnose_change(
     clock: Callable[[], float] = lambda: 0.0,
     left_out: Sequence[Finding] = (),
     sessions: Mapping[str, str] = MappingProxyType({}),
-    widths: Widths = LEARNT,
 ) -> tuple[Diagnosis, ChangeData]:
     """Say what is different now on a vehicle.
 
@@ -92,7 +89,6 @@ def diagnose_change(
         clock: seconds, for the run time.
         left_out: why flights are not among these.
         sessions: pattern of flights' names -> session, where their dates are not meant.
-        widths: how far changes are from what candidates predict.
 
     Raises:
         InputError: no flight of one side has position and commands and is in the air, new flights
@@ -106,7 +102,7 @@ def diagnose_change(
     accused, asked = accused_of(data.healthy, named, tried)
     curve = data.curve
     exponent_doubt, supply_doubt = curve.deviation[0] / curve.exponent, curve.deviation[1]
-    comparison = compare(spread, data.new, tried, supply_doubt, exponent_doubt, widths)
+    comparison = compare(spread, data.new, tried, supply_doubt, exponent_doubt)
     most = most_confident(accused, asked, spread)
     verdict = judge_change(comparison, most)
     seen: dict[str, float] = {}
@@ -148,30 +144,6 @@ def diagnose_change(
         controller=controller,
     )
     return diagnosis, data
-
-
-def known_change(
-    new: Sequence[Flight], healthy: Sequence[Flight], nominal: NominalModel, causes: Sequence[str]
-) -> KnownChange:
-    """Return what flights say whose change is known.
-
-    Args:
-        new: flights in the changed state, checked.
-        healthy: flights of the same vehicle before; checked.
-        nominal: as in `diagnose_change`.
-        causes: labels of candidates; of several, one is the cause.
-
-    Raises:
-        InputError: as `diagnose_change`.
-    """
-    before, after, data, _ = _read(new, healthy)
-    _, spread = _healthy_spread(before, after, data, {})
-    every = candidates(nominal.vehicle, nominal.maps, _SIZES)
-    return KnownChange(
-        spread.scale(len(data.new)), spread.degrees,
-        mean_of(data.new).vector - spread.mean.vector,
-        tuple(c for c in every if c.label in causes),
-    )  # fmt: skip
 
 
 def _read(

@@ -1,13 +1,13 @@
 """How probable a shift of the features is under a candidate, and how far it may be off.
 
-How far is learnt from real flights whose change is known (`learning.py`).
+How far is learnt from real flights whose change is known.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -33,50 +33,39 @@ _SIZES: Mapping[str, tuple[float, float]] = {
 their logarithms. A small vehicle carries from a hundredth of its mass to half of it."""
 
 
-@dataclass(frozen=True)
-class Widths:
-    """How far real changes are from what candidates predict."""
-
-    yaw_share: float = 0.4
-    """Change of a rotor's torque per thrust, as a share of the thrust lost: a cut or taped blade
-    has another ratio."""
-    wash: float = 0.05
-    """Share of thrust, and of torque by the swirl, that a weight in its downwash may take from a
-    rotor, whatever its mass."""
-    misfit: float = 0.1
-    """Share of the demand of the rotor that changes most by which a prediction may be off at each:
-    motors are not linear, and not alike."""
-    rough: float = 0.4
-    """Spread of the logarithm of shake where blades, or their air, are changed."""
-    weighed: float = 0.2
-    """The same with a weight beside a rotor."""
-    detuned: float = 5.0
-    """Logarithm of swing per demand: a rotor that gives less than asked for slackens the loops."""
-    swung: float = 0.5
-    """Spread of the logarithm of swing with a hanging load: it may calm a vehicle or shake it, as
-    its controller does (the simulated one swings less by 0.2 to 0.4, whatever the thread)."""
-    dragged: float = 0.05
-    """Trail of a hanging load [s/m], mean and spread, away from the side that it hangs on: 0.25 %
-    of the weight as drag at 0.3 m/s, at the end of an arm."""
-
-
-GUESSED = Widths()
-"""Before any flight of a known change is seen."""
-LEARNT = Widths(
-    yaw_share=0.38, wash=0.058, misfit=0.077, rough=0.43, weighed=0.14, detuned=5.3, swung=0.51,
-    dragged=0.062,
-)  # fmt: skip
-"""Of the ten conditions of CrazyPAD, vehicle E9: `learning.learnt_widths`."""
+# How far real changes are from what candidates predict: the most probable values after the ten
+# conditions of CrazyPAD, vehicle E9, each log-normal before them.
+_YAW_SHARE: Final = 0.38
+"""Change of a rotor's torque per thrust, as a share of the thrust lost: a cut or taped blade has
+another ratio."""
+_WASH: Final = 0.058
+"""Share of thrust, and of torque by the swirl, that a weight in its downwash may take from a
+rotor, whatever its mass."""
+_MISFIT: Final = 0.077
+"""Share of the demand of the rotor that changes most by which a prediction may be off at each:
+motors are not linear, and not alike."""
+_ROUGH: Final = 0.43
+"""Spread of the logarithm of shake where blades, or their air, are changed."""
+_WEIGHED: Final = 0.14
+"""The same with a weight beside a rotor."""
+_DETUNED: Final = 5.3
+"""Logarithm of swing per demand: a rotor that gives less than asked for slackens the loops."""
+_SWUNG: Final = 0.51
+"""Spread of the logarithm of swing with a hanging load: it may calm a vehicle or shake it, as its
+controller does (the simulated one swings less by 0.2 to 0.4, whatever the thread)."""
+_DRAGGED: Final = 0.062
+"""Trail of a hanging load [s/m], mean and spread, away from the side that it hangs on: 0.25 % of
+the weight as drag at 0.3 m/s, at the end of an arm."""
 
 
 def log_density(
-    scale: Array, degrees: float, shift: Array, candidate: ChangeCandidate | None, widths: Widths
+    scale: Array, degrees: float, shift: Array, candidate: ChangeCandidate | None
 ) -> Array:
     """Return the log density (S,) of the shift (9,) under each size of a candidate, or under none.
 
     Demand is one draw of four; shake, swing and trail are draws by themselves.
     """
-    demand, (mean, loose), extra = _predicted(candidate, widths)
+    demand, (mean, loose), extra = _predicted(candidate)
     gap = shift[:4] - demand
     wide = scale[:4, :4] + extra
     square = np.einsum("si,si->s", gap, np.linalg.solve(wide, gap[..., None])[..., 0])
@@ -89,9 +78,7 @@ def log_density(
     return np.asarray(log)
 
 
-def _predicted(
-    candidate: ChangeCandidate | None, widths: Widths
-) -> tuple[Array, tuple[Array, Array], Array]:
+def _predicted(candidate: ChangeCandidate | None) -> tuple[Array, tuple[Array, Array], Array]:
     """Return the shift of a candidate.
 
     Of demand (S, 4); of shake, swing and trail the mean (5,) and standard deviation (S, 5);
@@ -102,27 +89,27 @@ def _predicted(
     demand, effect = candidate.demand, candidate.effect
     largest = np.abs(demand).max(axis=1)
     mean, loose = np.zeros(5), np.zeros((len(demand), 5))
-    extra = (widths.misfit * largest)[:, None, None] ** 2 * np.eye(4)
+    extra = (_MISFIT * largest)[:, None, None] ** 2 * np.eye(4)
     yaw = np.outer(MODES[3], MODES[3])  # the torque of one rotor, shared by all
     if effect in (WEAK_PROPELLER, UNBALANCE, HANGING_LOAD, OTHER):
-        loose[:, :2] = widths.rough
+        loose[:, :2] = _ROUGH
     if effect == ADDED_WEIGHT:
-        loose[:, :2] = widths.weighed
+        loose[:, :2] = _WEIGHED
     if effect in (WEAK_PROPELLER, ADDED_WEIGHT):
-        loose[:, 2] = widths.detuned * largest
+        loose[:, 2] = _DETUNED * largest
     if effect in (HANGING_LOAD, OTHER):
-        loose[:, 2] = widths.swung
+        loose[:, 2] = _SWUNG
     if effect == WEAK_PROPELLER:
-        share = np.sum((widths.yaw_share * candidate.sizes) ** 2, axis=1)
+        share = np.sum((_YAW_SHARE * candidate.sizes) ** 2, axis=1)
         extra = extra + share[:, None, None] * yaw
     if effect in (ADDED_WEIGHT, HANGING_LOAD):
         rotors = np.diag((demand[0] == demand[0].max()).astype(float))
-        extra = extra + widths.wash**2 * (rotors + yaw)
+        extra = extra + _WASH**2 * (rotors + yaw)
     if effect == HANGING_LOAD:
         k = ROTOR_NAMES.index(candidate.rotor)
-        mean[3:] = widths.dragged * np.sign([ARM_Y[k], -ARM_X[k]])
+        mean[3:] = _DRAGGED * np.sign([ARM_Y[k], -ARM_X[k]])
     if effect in (HANGING_LOAD, OTHER):
-        loose[:, 3:] = widths.dragged
+        loose[:, 3:] = _DRAGGED
     if effect == OTHER:
         extra = extra + candidate.sizes[:, :, None] ** 2 * np.eye(4)
     return demand, (mean, loose), extra

@@ -35,8 +35,6 @@ class InertialVehicle:
 
     file: VehicleFile
     fit: InertialFit
-    as_published: InertialFit
-    """By the method of Eschmann, Albani and Loianno."""
     deviation: tuple[float, float, float]
     """Of thrust and both moments of inertia, as shares."""
     predictions: Mapping[str, tuple[Prediction, Prediction]]
@@ -67,9 +65,8 @@ def inertial_vehicle(logs: Sequence[Flight], base: VehicleFile) -> InertialVehic
         first, second = (predict(each, flights[k], mass, arm) for each in (before, after))
         predictions[log.name] = first, second
     file = _file(base, fit, deviation.tolist(), len(logs))
-    published = fit_inertial(flights, mass, arm, simple=True)
     share, *both = deviation.tolist()
-    return InertialVehicle(file, fit, published, (share, both[0], both[1]), predictions)
+    return InertialVehicle(file, fit, (share, both[0], both[1]), predictions)
 
 
 def _file(
@@ -101,25 +98,23 @@ def _file(
 
 def inertial_page(vehicle: InertialVehicle, output: Path) -> Page:
     """Return what flights without poses show; `output`: the vehicle file."""
-    fit, published = vehicle.fit, vehicle.as_published
+    fit = vehicle.fit
     share, *both = vehicle.deviation
     rows = [
-        (f"thrust of a rotor at command {command:g} [N]", *(
-            figure(float(each.drive.thrust(np.full((1, 4), command))[0, 0]))
-            for each in (fit, published)
-        ), f"± {100.0 * share:.1f} %")
+        (f"thrust of a rotor at command {command:g} [N]",
+         figure(float(fit.drive.thrust(np.full((1, 4), command))[0, 0])),
+         f"± {100.0 * share:.1f} %")
         for command in _COMMANDS
     ]  # fmt: skip
     rows += [
         (f"moment of inertia about {axis} [kg m²]", figure(float(fit.inertia[k])),
-         figure(float(published.inertia[k])),
          f"± {100.0 * both[k]:.1f} %; noise allows {figure(float(fit.bounds[k, 0]))} to "
          f"{figure(float(fit.bounds[k, 1]))}")
         for k, axis in enumerate("xy")
     ]  # fmt: skip
     rows += [
-        ("motor time constant [s]", figure(fit.lag), figure(published.lag), ""),
-        ("delay before it [s]", figure(fit.delay), "none", ""),
+        ("motor time constant [s]", figure(fit.lag), ""),
+        ("delay before it [s]", figure(fit.delay), ""),
     ]
     errors = [
         (name, *(f"{figure(b)} → {figure(a)}" for b, a in zip(old.rates, new.rates, strict=True)),
@@ -137,7 +132,7 @@ def inertial_page(vehicle: InertialVehicle, output: Path) -> Page:
         headline=f"{name}, as gyro, accelerometer and commands show it",
         summary="",
         sections=[
-            Section("", [Table(("fitted", "value", "lag alone, as published", "how well"), rows)]),
+            Section("", [Table(("fitted", "value", "how well"), rows)]),
             Section(
                 "Open-loop error on flights left out, before → after",
                 [Table(("flight", *titles, "force [m/s²]"), errors)],
@@ -147,7 +142,6 @@ def inertial_page(vehicle: InertialVehicle, output: Path) -> Page:
         data={
             "name": name,
             "fit": dataclasses.asdict(fit),
-            "as_published": dataclasses.asdict(published),
             "deviation": list(vehicle.deviation),
             "predictions": {
                 flight: [dataclasses.asdict(each) for each in both_of]

@@ -106,16 +106,11 @@ def inertial_flight(log: Flight) -> EvenFlight:
     return EvenFlight(t, channels, np.asarray(good))
 
 
-def fit_inertial(
-    flights: Sequence[EvenFlight], mass: float, arm: float, simple: bool = False
-) -> InertialFit:
-    """Fit a vehicle of known mass [kg] and arms [m].
-
-    `simple`: as the method of 2024.
-    """
+def fit_inertial(flights: Sequence[EvenFlight], mass: float, arm: float) -> InertialFit:
+    """Fit a vehicle of known mass [kg] and arms [m]."""
     best, least = None, np.inf
-    for lag, delay in product(_LAGS, (0.0,) if simple else _DELAYS):
-        fit, left = _fit_at(flights, mass, arm, float(lag), float(delay), simple)
+    for lag, delay in product(_LAGS, _DELAYS):
+        fit, left = _fit_at(flights, mass, arm, float(lag), float(delay))
         if left < least:
             best, least = fit, left
     assert best is not None
@@ -123,7 +118,7 @@ def fit_inertial(
 
 
 def _fit_at(
-    flights: Sequence[EvenFlight], mass: float, arm: float, lag: float, delay: float, simple: bool
+    flights: Sequence[EvenFlight], mass: float, arm: float, lag: float, delay: float
 ) -> tuple[InertialFit, float]:
     """Return the fit with a lag and a delay, and the logarithm of what is left of all."""
     lagged = [_lagged(s.channels["motor_command"], lag, delay) for s in flights]
@@ -151,9 +146,8 @@ def _fit_at(
         u, v = x - x.mean(), y - y.mean()
         cross = max(float(u @ v), 1e-30)
         bounds[axis] = cross / float(v @ v), float(u @ u) / cross
-        if not simple:
-            left += float(np.log(max(1.0 - cross**2 / float(u @ u) / float(v @ v), 1e-9)))
-    inertia = bounds[:, 0] if simple else np.sqrt(bounds.prod(axis=1))
+        left += float(np.log(max(1.0 - cross**2 / float(u @ u) / float(v @ v), 1e-9)))
+    inertia = np.sqrt(bounds.prod(axis=1))
     return InertialFit(drive, lag, delay, inertia, bounds), left
 
 
@@ -235,7 +229,7 @@ def deviations(flights: Sequence[EvenFlight], mass: float, arm: float, fit: Iner
             begin, end = np.quantile(np.flatnonzero(good), [k / _PARTS, (k + 1) / _PARTS])
             good[int(begin) : int(end)] = False
             parts.append(replace(s, valid=good))
-        part, _ = _fit_at(parts, mass, arm, fit.lag, fit.delay, False)
+        part, _ = _fit_at(parts, mass, arm, fit.lag, fit.delay)
         hover = float(part.drive.thrust(np.full((1, 4), _HOVER)).sum())
         values.append([hover, *part.inertia])
     table = np.array(values)
