@@ -91,7 +91,7 @@ class Residual:
     sigma: float
     """Standard deviation that measurement noise alone gives it."""
     drivers: Mapping[str, Array]
-    """Name with unit -> (N,): what could drive it (velocities, height, thrust, voltage ...)."""
+    """Name with unit -> (N,): possible drivers (velocities, height, thrust, voltage ...)."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Dependence:
 
 @dataclass(frozen=True)
 class Leftover:
-    """What the causes named do not explain."""
+    """The force and moment that the named causes do not explain."""
 
     dependences: tuple[Dependence, ...]
     """Empty: no variable predicts it in flights held out."""
@@ -155,7 +155,7 @@ class FlightSummary:
 
 @dataclass(frozen=True)
 class Change:
-    """What may be different now from the vehicle's healthy flights."""
+    """A possible difference from the vehicle's healthy flights."""
 
     effect: str
     """Name in the registry, or of `change.signatures`."""
@@ -189,7 +189,7 @@ class Diagnosis:
     summary: str
     """The verdict in a sentence or two, with figures."""
     notes: tuple[str, ...] = ()
-    """What can't be certified and why."""
+    """Limits of the diagnosis, and why."""
     model: str = ""
     """The model that the flights were compared with."""
     vehicle: str = ""
@@ -199,7 +199,7 @@ class Diagnosis:
     changed: tuple[Change, ...] = ()
     """Of a comparison with healthy flights: named: what has changed; set: its members."""
     leftover: Leftover | None = None
-    """unknown, partly_explained: what is left, and what it follows; else None."""
+    """unknown, partly_explained: the unexplained force and moment; else None."""
     controller: ControllerReport | None = None
     """Gains of the controller that flew, and what swings; None: the logs don't say."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
@@ -209,7 +209,7 @@ class Diagnosis:
 
 
 def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the content of `diagnosis.json`: plain values, None for what is not finite."""
+    """Return the content of `diagnosis.json`: plain values, None where a number is not finite."""
     left = diagnosis.leftover
     shown = left and replace(left, samples=())
     values = asdict(replace(diagnosis, residuals=(), leftover=shown, controller=None))

@@ -28,7 +28,7 @@ def model_of(
         diagnosis: its causes are put in.
         tool: that made the diagnosis, with its version.
         date: of today, as text.
-        scenario: what the flights were compared with.
+        scenario: its name, with which the flights were compared.
         base: an extended model that the flights were compared with, if any; its effects stay.
 
     Raises:
@@ -61,7 +61,7 @@ def model_of(
 
 
 def _addition(cause: Cause, notes: list[str]) -> FittedEffect:
-    """Return what a cause adds; a value that no simulation takes is brought to its bound."""
+    """Return the addition of a cause; a value beyond the bounds is brought to its bound."""
     if cause.effect not in REGISTRY:
         raise InputError(f"model: effect '{cause.effect}' is not in the registry")
     declared = {p.name: p for p in REGISTRY[cause.effect].theta}

@@ -36,7 +36,7 @@ def capital(text: str) -> str:
 
 
 def unit(text: str) -> str:
-    """Return a unit as it is set beside a number: nothing for the unit of pure numbers."""
+    """Return a unit as it is written after a number: nothing for the unit of pure numbers."""
     return "" if text in ("", "1") else text.replace("^2", "²").replace("^3", "³")
 
 
@@ -55,7 +55,7 @@ def certainty(probability: float) -> str:
 
 
 def figure(value: float, digits: int = 3) -> str:
-    """Return a number with so many significant digits, typographic minus; a dash for NaN."""
+    """Return a number with `digits` significant digits, typographic minus; a dash for NaN."""
     if not math.isfinite(value):
         return DASH
     if value == 0.0:

@@ -8,7 +8,7 @@ import pytest
 
 from tombo_diagnosis.engine.model import Explanation, Hypothesis, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST
-from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT, RULES, Facts, judge
+from tombo_diagnosis.engine.verdict import LOG_BF_DISTINCT, judge
 from tombo_diagnosis.flight.analyse import (
     MAX_LOG_VARIANCE_EXCESS,
     ExplainedExcess,
@@ -242,32 +242,3 @@ def test_alternatives_of_a_cause_that_was_not_accepted_are_no_set():
     rival = explanation("thrust", evidence=weak - 1.0)
     judgement = judged(searched(explanation("mass_error", evidence=weak), rival), noisy=[noise()])
     assert judgement.effects == ("imu_noise",) and not judgement.members
-
-
-def facts(**told):
-    nothing = Facts((), (), True, True, False, frozenset(), 0.5, 0.5, 0.5, 0.5)
-    return replace(nothing, **told)
-
-
-@pytest.mark.parametrize(
-    "told,verdict",
-    [
-        ({}, "none"),
-        ({"clean": False}, "unknown"),
-        ({"causes": ("wind",)}, "named"),
-        ({"causes": ("wind",), "clean": False, "clean_where_explained": False}, "unknown"),
-        ({"causes": ("wind",), "clean": False}, "partly_explained"),
-        ({"causes": ("wind",), "clean": False, "strong": True}, "partly_explained"),
-        ({"causes": ("wind", "gusts"), "imitated": frozenset({"wind"})}, "partly_explained"),
-        ({"causes": ("wind",), "members": ("wind", "tilt")}, "set"),
-        ({"causes": ("drag", "wind"), "members": ("wind", "tilt")}, "named"),
-    ],
-)
-def test_the_first_rule_that_holds_decides(told, verdict):
-    rule = next(rule for rule in RULES if rule.holds(facts(**told)))
-    assert rule.verdict == verdict
-
-
-def test_every_rule_decides_some_case_and_gives_its_own_reason():
-    assert len({rule.reason for rule in RULES}) == len(RULES)
-    assert RULES[-1].holds(facts())

@@ -52,6 +52,6 @@ def test_the_poster_is_drawn_for_every_verdict(verdict):
 def test_a_leftover_is_drawn_against_the_variable_that_it_follows():
     left = leftover()
     axes = draw_dependence(left, left.dependences[0]).axes[0]
-    assert axes.get_xlabel() == "place x"
+    assert axes.get_xlabel() == "place x [m]"
     slopes = [np.polyfit(*bars.lines[0].get_data(), 1)[0] for bars in axes.containers]
     assert slopes[0] == pytest.approx(-0.5, abs=0.1), "a spring along x"

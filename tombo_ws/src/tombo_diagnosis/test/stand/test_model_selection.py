@@ -110,15 +110,6 @@ def test_a_shape_that_nobody_named_gets_no_name():
     assert result.remainder.curves.size > 0.01
 
 
-def test_residual_curves_find_an_unmodelled_rest_but_none_when_healthy():
-    wavy = more_thrust(lambda x: 0.02 * np.sin(14.0 * x))
-    for change, something in ((wavy, True), (None, False)):
-        problem = StandProblem(stands.read(SETUP, {"thrust_gain": (0.1,)}, change=change))
-        gain = Hypothesis("thrust_gain", problem.identifiable("thrust_gain"))
-        known = fit_hypotheses(problem, (gain,))
-        assert (fit_residual_curves(problem, known.fit).evidence > LOG_BF_CURVES) is something
-
-
 def again(share):
     """Two runs of one propeller, the second one's thrust by `share` more."""
 
@@ -200,13 +191,6 @@ def test_held_out_points_confirm_a_cause_and_not_a_wrong_one():
     assert shares["thrust_coefficient"] > 0.9 > 0.2 > shares["torque_tare"]
 
 
-def test_what_is_known_already_is_no_finding():
-    points = stands.read(SETUP, {"thrust_gain": (0.12,)}, seed=7)
-    assert analyse(points).judgement.verdict == "named"
-    result = analyse(points, base={"thrust_gain": (0.12,)})
-    assert result.judgement.verdict == "none"
-
-
 def test_an_effect_that_no_channel_shows_is_not_excited():
     s = stands.setup(loads=False)
     result = analyse(stands.read(s, {}, channels=1))
@@ -237,10 +221,3 @@ def test_a_name_is_withheld_where_free_curves_find_more_beside_it():
     assert best.evidence > remainder.curves_without_causes.evidence + 10.0
     assert remainder.curves.evidence > LOG_BF_CURVES
     assert result.judgement.verdict == "partly_explained"
-
-
-def test_the_registry_begins_with_the_rotor_and_ends_with_what_the_stand_reads():
-    """Candidates without evidence are listed in its order, and sums are rounded in it."""
-    names = list(STAND_EFFECTS)
-    assert names[0] == "thrust_coefficient" and names[-1] == "tare_scatter"
-    assert names.index("speed_noise") < names.index("thrust_tare")

@@ -16,7 +16,7 @@ from tombo_diagnosis.engine.regression import Fit, FreeParameter, solve
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter, Gain
 
-_FEW = 3
+_MIN_BLOCKS_FOR_INTERVAL = 3
 """Least number of held-out blocks for an interval."""
 
 
@@ -36,7 +36,7 @@ def gain_of(
     total_before, total_after = rms(b), rms(a)
     reduction = 1.0 - total_after / total_before if total_before > 0.0 else 0.0
     low = high = math.nan
-    if b.size >= _FEW and (b > 0.0).all() and (a > 0.0).all():
+    if b.size >= _MIN_BLOCKS_FOR_INTERVAL and (b > 0.0).all() and (a > 0.0).all():
         logs = np.log(a / b)
         half = float(stats.t.ppf(0.975, b.size - 1)) * float(logs.std(ddof=1)) / math.sqrt(b.size)
         low = min(1.0 - math.exp(float(logs.mean()) + half), reduction)
@@ -51,7 +51,7 @@ TWO_SIDED = 1.96
 _MODEL_ERROR = 0.015
 """Error of the model, as a share of the fitted change: no change is known better than this."""
 _MAX_LOG_BF = 1e9
-"""What is not finite counts as this: far beyond any evidence, so that no candidates tie."""
+"""Evidence that is not finite counts as this: far beyond any other, so that no candidates tie."""
 
 Covariance = tuple[tuple[float, ...], ...]
 ParameterEstimate = tuple[tuple[FittedParameter, ...], Covariance]
@@ -100,7 +100,7 @@ def scores(
     """Return the scores of all effects, most probable first.
 
     Args:
-        log_bf: effect -> log Bayes factor of it alone, of those that the data can show.
+        log_bf: effect -> log Bayes factor of it alone, where the data can show it.
         shares: effect -> share of the excess that it removes in held-out data; of those fitted.
         effects: all of the registry that make sense for the model.
         why_not: says of an effect why the data can't show it.
@@ -123,8 +123,8 @@ def scores(
 def detectable_changes(model: RegressionModel, fit: Fit) -> dict[str, Detectable]:
     """Return effect -> the parameter that shows best in its scale, and how small it may be.
 
-    A change is shown if the log Bayes factor of "as wide as what matters" against "within its
-    tolerance" is expected to reach the threshold of a cause. All other parameters are within
+    A change is shown if its expected log Bayes factor reaches the threshold of a cause: a width of
+    the parameter's scale against one of its tolerance. All other parameters are within
     their tolerances. Gaussian, about the fit given.
     """
     best: dict[str, tuple[float, Detectable]] = {}

@@ -26,7 +26,7 @@ class Setting:
     always_fitted: Collection[str] = ()
     """Effects that the linearised model can't rank: they are always fitted."""
     confounded_with: Mapping[str, Collection[str]] = field(default_factory=dict)
-    """Effect -> effects that are no causes beside it: one may give back what the other takes."""
+    """Effect -> effects that are not named together with it: one may compensate the other."""
     equivalent: Sequence[frozenset[str]] = ()
     """Groups of effects that the data can't distinguish, whatever their evidence."""
     max_confidence: float = 0.99
@@ -119,7 +119,7 @@ class SearchResult:
     """Effects -> log Bayes factor of them together, of every explanation that was fitted."""
 
     def log_bf_of_difference(self, alternative: Explanation) -> float:
-        """Return the log Bayes factor of what the best explanation and a rival do not share."""
+        """Return the log Bayes factor of the causes of the best explanation that a rival lacks."""
         shared = frozenset(self.best.effects) & frozenset(alternative.effects)
         return self.best.evidence - self.evaluated.get(shared, 0.0)
 
@@ -130,7 +130,7 @@ class SearchResult:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the best explanation leaves unexplained, compared with what noise leaves."""
+    """The residual of the best explanation, compared with noise."""
 
     clean: bool
     """The remainder is known noise."""
@@ -139,7 +139,7 @@ class Remainder:
     mostly_explained: bool
     """The best explanation removes most of the excess."""
     noise_log_bf: Mapping[str, float] = field(default_factory=dict)
-    """Stochastic effect -> log Bayes factor, of those that the remainder shows."""
+    """Stochastic effect -> log Bayes factor, where the remainder shows it."""
     imitated: Mapping[str, Collection[str]] = field(default_factory=dict)
     """Stochastic effect -> causes that may be confused with another force, if it is present."""
     explained: float = 0.0
@@ -150,7 +150,7 @@ class Remainder:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict and what it rests on."""
+    """The verdict and its reasons."""
 
     verdict: str
     effects: tuple[str, ...]

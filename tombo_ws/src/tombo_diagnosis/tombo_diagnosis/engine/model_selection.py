@@ -17,9 +17,9 @@ from tombo_diagnosis.engine.regression import NOMINAL_WIDTHS, TIGHT, Fit, solve
 from tombo_dynamics.arrays import Array
 
 LOG_BF_FIRST = 3.5
-"""Log Bayes factor with which a cause is accepted; see docs/diagnosis.md for what it gives."""
+"""Log Bayes factor with which a cause is accepted; its effect is in docs/diagnosis.md."""
 LOG_BF_ADDITIONAL = 7.0
-"""The same for one cause beside others: two at once are rarer."""
+"""The same for a further cause: two at once are rarer."""
 _MIN_TANGENT_LOG_BF = 1.5
 _MIN_RELATIVE_GAIN = 0.2
 """A candidate with less than this share of the best linearised log Bayes factor is skipped."""
@@ -86,7 +86,7 @@ def _likeliest_first(explanations: Iterable[Explanation]) -> list[Explanation]:
 def _worth_fitting(model: RegressionModel, explanation: Explanation) -> list[Hypothesis]:
     """Return the hypotheses to add to an explanation: the best two ways of each effect.
 
-    At most `Setting.max_fitted` effects, best first; then those that are best with tight priors.
+    At most `Setting.max_fitted` effects, best first; then the best with tight priors.
     """
     ranked = rank_hypotheses(model, explanation)
     promising = [(gain, h) for gain, h in ranked if gain > _MIN_TANGENT_LOG_BF]
@@ -124,7 +124,7 @@ def _with_tight_priors(model: RegressionModel, explanation: Explanation) -> list
 def rank_hypotheses(
     model: RegressionModel, explanation: Explanation, tight: float = 1.0
 ) -> list[tuple[float, Hypothesis]]:
-    """Return every hypothesis of every effect with what it adds to an explanation, by the tangent.
+    """Return every hypothesis of every effect with its gain over an explanation, by the tangent.
 
     `tight` is a factor on the tolerances.
     """
@@ -157,9 +157,9 @@ def rank_hypotheses(
 def _widest(
     model: RegressionModel, explanation: Explanation, effect: str, price: float, tight: float
 ) -> tuple[float, Hypothesis]:
-    """Return a stochastic effect by its most probable width, and what it adds.
+    """Return a stochastic effect by its most probable width, and its gain.
 
-    A broad prior over the width: what it adds is the mean over the grid, not the best of it.
+    A broad prior over the width: the gain is the mean over the grid, not its best.
     """
     fit = explanation.fit
     base = model.evidence_with(fit, fit.widths, tight)
@@ -297,7 +297,7 @@ def _against_null_alike(
 ) -> list[Explanation]:
     """Return explanations with their evidence against a nominal model whose slopes are as theirs.
 
-    New slopes change the evidence of what is no cause as well. It counts where the first would
+    New slopes change the evidence of the nominal model as well. It counts where the first would
     hardly be accepted, or hardly not.
     """
     first = explanations[0]
@@ -311,7 +311,7 @@ def _against_null_alike(
 def free_all_axes(model: RegressionModel, explanation: Explanation) -> Explanation:
     """Return an explanation with every parameter of a named unit free: all axes of a bias or wind.
 
-    What was too small on one axis to be accepted is measured there all the same.
+    An axis whose part was too small to be accepted is measured all the same.
     """
     columns = model.columns
     hypotheses = []

@@ -1,6 +1,6 @@
 """The unknowns of a diagnosis, and the evidence of a set of causes: Bayesian linear regression.
 
-A lab knows its nominal parameters only to a *tolerance*: an error of this size is no finding. Each
+A lab knows its nominal parameters only to a *tolerance*: such an error is not reported. Each
 effect states in its registration how much of it healthy vehicles have (`Effect.healthy_spread`).
 It also keeps a cause from being named for the small change of another parameter.
 
@@ -142,7 +142,7 @@ class FreeParameter:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What the unknowns are: parameters of theta, then random draws."""
+    """The unknowns: parameters of theta, then random draws."""
 
     parameters: tuple[FreeParameter, ...]
     """All of theta."""
@@ -155,12 +155,12 @@ class Unknowns:
     draw_inflation: float = 1.0
     """Factor by which that itself may be too small."""
     absorbed: frozenset[int] = frozenset()
-    """Places in theta of what the nominal model's own fit has absorbed: always free."""
+    """Places in theta that the nominal model's own fit has absorbed: always free."""
     unobservable: frozenset[int] = frozenset()
-    """Places in theta of what is far below the noise even at the size that matters."""
+    """Places in theta of parameters far below the noise even at the size that matters."""
 
     refused: frozenset[str] = frozenset()
-    """Effects that other data contradict: they are no causes."""
+    """Effects that other data contradict: they are not named."""
 
     @cached_property
     def identifiable(self) -> tuple[int, ...]:
@@ -244,7 +244,7 @@ class Unknowns:
     def bounds_penalty(
         self, theta: Array, free: Sequence[int], solution: Posterior, fitted: bool = False
     ) -> float:
-        """Return what it costs in log evidence that a fit lies beyond its parameters' bounds.
+        """Return the cost in log evidence of a fit beyond its parameters' bounds.
 
         The linearised model may end far beyond them; `fitted`: it is a fit of the model itself.
         """
@@ -280,6 +280,6 @@ class Fit:
     evidence: float
     """Logarithm of the probability of the data."""
     tangent: Any
-    """What the model needs to continue from here; its own type."""
+    """The model's own state to continue from here."""
     pinned: tuple[int, ...] = ()
     """Columns held at a bound, because the data would move them beyond it."""

@@ -22,7 +22,7 @@ class _Effect(Protocol):
 def separating_experiment(
     members: Sequence[str], effects: Mapping[str, _Effect]
 ) -> Experiment | None:
-    """Return what the registry advises to tell the members of a set apart; None without a set."""
+    """Return the registry's advice on how to separate the members of a set; None without a set."""
     if len(members) < 2:
         return None
     texts = []

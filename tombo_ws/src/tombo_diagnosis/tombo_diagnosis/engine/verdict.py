@@ -39,7 +39,7 @@ R = TypeVar("R", bound=Remainder)
 LOG_BF_DISTINCT = 4.0
 """Log Bayes factor with which one cause is told from another."""
 _STRONG_LOG_BF = 50.0
-"""From this evidence on a single cause may be called a part of what is wrong."""
+"""From this evidence on a single cause may be called a part of the explanation."""
 _SURE_LOG_BF = 10.0
 """From this evidence on causes may be named although other channels hold something else."""
 _NONE_SLOPE, _NONE_EVEN_LOG_BF = 1.3, 2.0
@@ -55,19 +55,19 @@ class Facts:
     members: tuple[str, ...]
     """Effects that replace each other in explanations that are about as good."""
     clean: bool
-    """Nothing but known noise is left unexplained."""
+    """Only known noise is left unexplained."""
     clean_where_explained: bool
     """The same where the causes act; elsewhere more may be left."""
     strong: bool
     """One strong cause removes most of the excess."""
     imitated: frozenset[str]
-    """Causes that the force behind a stochastic effect beside them may only resemble."""
+    """Causes that a random force may only resemble."""
     p_none: float
     """Probability that no cause is present, if none was accepted."""
     p_unexplained: float
     """Probability that something is left unexplained."""
     p_cause: float
-    """Probability that the weakest of the causes is no coincidence."""
+    """Probability that the weakest of the causes is real."""
     p_best: float
     """Probability of the best explanation against its alternatives."""
 
@@ -207,7 +207,7 @@ def _confidences(
 
 
 def _above_additional_threshold(weights: dict[str, float]) -> dict[str, float]:
-    """Return the causes that are accepted, and beside the strongest: two at once are rarer."""
+    """Return the accepted causes; further ones than the strongest need more: two are rarer."""
     strongest = max(weights.values(), default=0.0)
     return {
         e: w
@@ -227,7 +227,7 @@ def _interchangeable_effects(best: Explanation, rivals: Sequence[Explanation]) -
 def _with_equivalents(
     members: tuple[str, ...], causes: tuple[str, ...], groups: Sequence[frozenset[str]]
 ) -> tuple[str, ...]:
-    """Return the effects that can replace each other, with those that no data here tell apart."""
+    """Return the effects that can replace each other, with their equivalents in these data."""
     alike = [e for g in groups if g & {*causes, *members} for e in sorted(g)]
     named = [e for e in alike if e in causes]
     return tuple(dict.fromkeys((*members, *named, *alike)))
@@ -237,7 +237,7 @@ def _deficit(rival: Explanation, result: SearchResult, share: float) -> float:
     """Return how far a rival is behind the best: a log Bayes factor, less where much is at stake.
 
     Where a cause is strong, small errors of the model weigh more than noise does: they make a
-    `share` of what is in dispute.
+    `share` of the disputed evidence.
     """
     ahead = result.best.evidence - rival.evidence
     disputed = result.log_bf_of_difference(rival)
@@ -252,7 +252,7 @@ def _relative_odds(rival: Explanation, result: SearchResult, share: float) -> fl
 
 
 def p_cause(log_bf: float) -> float:
-    """Return the probability that a cause of such a log Bayes factor is no coincidence."""
+    """Return the probability that a cause of such a log Bayes factor is real."""
     return 1.0 - math.exp(-max(log_bf - 0.5 * LOG_BF_FIRST, 0.0))
 
 
@@ -262,7 +262,7 @@ def logistic(x: float) -> float:
 
 
 def succession(trials: int, failures: int) -> float:
-    """Return the probability of success after so many trials (Laplace's rule of succession)."""
+    """Return the probability of success after `trials` (Laplace's rule of succession)."""
     return (trials - failures + 1.0) / (trials + 2.0)
 
 

@@ -85,7 +85,7 @@ class FlightRemainder(Remainder):
     expected: ScaleVariances = field(kw_only=True)
     """Variances that noise leaves, with the causes of noise that were found."""
     residual_excesses: tuple[ResidualExcess, ...] = ()
-    """What is left unexplained, gusts and noise taken into account; the largest excess first."""
+    """Excess over gusts and noise of each channel, the largest first."""
     residual_r2: float = 0.0
     """Share of the forces' remainder that other flights predict."""
     unexplained_groups: tuple[str, ...] = ()
@@ -126,7 +126,7 @@ def analyse(
 def with_history(
     findings: FlightAnalysis, before: FlightRemainder, *passes: str
 ) -> FlightAnalysis:
-    """Return findings with what was excluded before, and the names of the passes."""
+    """Return findings with all excluded spans, and the names of the passes."""
     excluded = tuple(dict.fromkeys((*before.excluded, *findings.remainder.excluded)))
     remainder = replace(findings.remainder, excluded=excluded, passes=(*before.passes, *passes))
     return replace(findings, remainder=remainder)
@@ -375,7 +375,7 @@ class ExplainedExcess:
 def explained_excess(
     before: ScaleVariances, after: ScaleVariances, expected: ScaleVariances
 ) -> ExplainedExcess:
-    """Return what an explanation removes of the excess over noise."""
+    """Return the shares of the excess over noise that an explanation removes."""
     worst = {each.channel: each for each in residual_excesses(after, expected)}
     table = []
     for was in residual_excesses(before, expected):

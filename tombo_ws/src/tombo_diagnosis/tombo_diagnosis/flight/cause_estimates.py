@@ -31,7 +31,7 @@ from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.extended_model import FittedParameter, Gain
 
 _SCALE_KG = 1e-3
-"""kg: what the scales of most labs resolve."""
+"""kg: resolution of the scales of most labs."""
 UNWEIGHED = 0.5
 """Confidence, at most, in a change of mass or balance that such a scale would not show: so little
 may stand for a cause that is no candidate."""
@@ -204,7 +204,7 @@ def _cause_text(cause: Cause) -> str:
 
 
 def notes(findings: FlightAnalysis) -> list[str]:
-    """Return what can't be certified, and why."""
+    """Return the limits of the diagnosis, and why."""
     problem = findings.problem
     lines = []
     if len(problem.tracks) < 3:

@@ -38,7 +38,7 @@ HORIZONS_S = (0.5, 1.0)
 _VELOCITY_WIDTH = 0.05
 """s: deviation of the Gaussian weight by which a window's first and last velocity are taken: of
 poses to 0.7 mm it knows them to some mm/s."""
-_HELD = 1e-4
+_HELD_DEVIATION_FACTOR = 1e-4
 """Factor on the prior deviation of an unknown that stays where other flights put it."""
 
 
@@ -94,7 +94,7 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> He
     mean = np.clip(mean, fit.prior_mean - 3.0 * limits, fit.prior_mean + 3.0 * limits)
     if columns.absorbed:
         calibrated = columns.places(sorted(columns.absorbed))
-        deviations = _HELD * limits
+        deviations = _HELD_DEVIATION_FACTOR * limits
         deviations[calibrated] = limits[calibrated]
         centre = mean.copy()
         centre[calibrated] = fit.prior_mean[calibrated]
@@ -125,7 +125,7 @@ def nominal_theta(problem: FlightProblem) -> Array:
 
 
 def nominal_residuals(problem: FlightProblem, flight: int) -> dict[str, Array]:
-    """Return what the model as it was leaves of a flight, group -> (rows, channels)."""
+    """Return the residual of the nominal model in a flight, group -> (rows, channels)."""
     if not problem.columns.absorbed:
         return problem.linears[flight].residual
     return residuals(problem.tracks[flight], problem.nominal, nominal_theta(problem))
@@ -163,7 +163,7 @@ def _in_bounds(p: FreeParameter, value: float) -> bool:
 def extended(
     problem: FlightProblem, fit: Fit, flight: int, mean: Array | None = None
 ) -> dict[str, Array]:
-    """Return what the model with its causes leaves of a flight, group -> (rows, channels).
+    """Return the residual of the extended model in a flight, group -> (rows, channels).
 
     Only what is named counts of the unknowns; tolerances stay as the nominal model has them.
     `mean`: the fit's unknowns, if not those of all flights.
@@ -269,7 +269,7 @@ def _smooth(state: Array, rates_measured: bool) -> Array:
 
 
 def gain_by_effect(problem: FlightProblem, result: SearchResult) -> dict[str, float]:
-    """Return effect -> share of what the best explanation removes, in flights not fitted on."""
+    """Return effect -> share of the best explanation's gain, in flights not fitted on."""
     shares = {}
     best = result.best.fit
     flights = range(len(problem.tracks))
@@ -296,17 +296,24 @@ def _removed(problem: FlightProblem, fit: Fit, mean: Array, flight: int) -> floa
     )
 
 
-_WORSE = -0.1
+_MIN_REDUCTION = -0.1
 """Reduction of an error below which a change for the worse is one; less is what tolerances of
 other parameters make of it when they are fitted again."""
-_JUDGED = ("force", "acceleration", "mocap against", "gyro against", "position", "velocity")
+_JUDGED_CHANNELS = (
+    "force",
+    "acceleration",
+    "mocap against",
+    "gyro against",
+    "position",
+    "velocity",
+)
 """Channels that are judged: moments, speeds and voltage follow the balance of the rotors and the
 state of the battery first, whatever the cause."""
 _MAX_REFUSED = 3
 
 
 def final_explanation(findings: FlightAnalysis) -> Explanation:
-    """Return the explanation that goes into the model: of what is sure, or the most probable."""
+    """Return the explanation that goes into the model: the sure causes, or the most probable."""
     judgement = findings.judgement
     best = findings.search.best
     if judgement.verdict in ("none", "unknown"):
@@ -337,19 +344,21 @@ def held_out_gains(findings: FlightAnalysis, final: Explanation) -> list[Gain]:
 def surely_worse(gains: Sequence[Gain]) -> list[Gain]:
     """Return the judged channels whose prediction gets surely worse (an interval below zero)."""
     return [
-        g for g in gains if g.high < 0.0 and g.reduction < _WORSE and g.channel.startswith(_JUDGED)
+        g
+        for g in gains
+        if g.high < 0.0 and g.reduction < _MIN_REDUCTION and g.channel.startswith(_JUDGED_CHANNELS)
     ]
 
 
 @dataclass(frozen=True)
 class HeldOutTest:
-    """What is left of the findings when flights that were held out have been asked."""
+    """The findings after the test on held-out flights."""
 
     findings: FlightAnalysis
     final: Explanation
     """What goes into the model."""
     gains: list[Gain]
-    """What it is worth."""
+    """Its gain in held-out flights."""
     refused: dict[str, str]
     """Effect -> what speaks against it, of causes that these flights contradict."""
 
@@ -368,7 +377,7 @@ def refuse_contradicted(findings: FlightAnalysis) -> HeldOutTest:
         if not worse or len(refused) == _MAX_REFUSED:
             return HeldOutTest(findings, final, gains, refused)
         worst = min(worse, key=lambda g: g.reduction)
-        refused[_culprit(findings, final, worst)] = _words(worst)
+        refused[_culprit(findings, final, worst)] = _refusal_text(worst)
         problem = findings.problem
         problem.refuse(refused)
         again = analyse_problem(problem, check_residual, no_progress)
@@ -393,7 +402,7 @@ def _culprit(findings: FlightAnalysis, final: Explanation, worst: Gain) -> str:
     return least_first[0]
 
 
-def _words(gain: Gain) -> str:
+def _refusal_text(gain: Gain) -> str:
     return (
         f"with it {gain.channel} ({gain.horizon}) is predicted {-100.0 * gain.reduction:.0f} % "
         "worse in flights held out"

@@ -63,10 +63,10 @@ from tombo_logs.readers.log_reader import read_logs
 from tombo_logs.readers.vehicle_airframe import vehicle_of
 
 _BLOCK_S = 8.0
-"""A single flight is cut into blocks of about this length, which stand for flights."""
-_NO_NOISE = 1e-9
+"""A single flight is cut into blocks of about this length, which count as flights."""
+_MIN_NOISE = 1e-9
 """A simulated noise below this is rounding, in any unit."""
-_SHOWN = 8
+_MAX_FLIGHTS_SHOWN = 8
 """Flights whose residuals go into the report."""
 
 
@@ -82,7 +82,7 @@ def diagnose_flights(
     clock: Callable[[], float] = lambda: 0.0,
     left_out: Sequence[Finding] = (),
 ) -> tuple[Diagnosis, FlightAnalysis]:
-    """Report what the model gets wrong in measured flights, and what the report rests on.
+    """Report the errors of the model in measured flights, with the analysis behind the report.
 
     Args:
         logs: flights of one vehicle, checked (`tombo_logs.checks`).
@@ -214,11 +214,11 @@ def _blocks(tracks: list[Track]) -> list[Track]:
 
 
 def _residuals(findings: FlightAnalysis, final: Explanation) -> list[Residual]:
-    """Return what is left before and after, with what could drive it."""
+    """Return the residuals before and after, with their possible drivers."""
     problem = findings.problem
     sigma = _noise(findings)
     shown = []
-    for f in range(min(len(problem.tracks), _SHOWN)):
+    for f in range(min(len(problem.tracks), _MAX_FLIGHTS_SHOWN)):
         track = problem.tracks[f]
         motion = motion_of(track, problem.nominal, problem.theta)
         after = extended(problem, final.fit, f)
@@ -246,7 +246,7 @@ def _residuals(findings: FlightAnalysis, final: Explanation) -> list[Residual]:
 
 
 def _controller(logs: Sequence[Flight], nominal: NominalModel) -> ControllerReport | None:
-    """Return what the flights say of their controller; the suite's own has known gains."""
+    """Return the report on the controller; the suite's own has known gains."""
     own = all(log.airframe is None for log in logs)
     plant = DrivePlant(nominal.vehicle, nominal.maps, nominal.maps.torque_ratio) if own else None
     recorded = own and not nominal.vehicle_name and all("scenario" in g.metadata for g in logs)
@@ -267,32 +267,7 @@ def _noise(findings: FlightAnalysis) -> dict[str, float]:
         name: math.sqrt(2.0 * float(expected.variances[0, j]))
         for j, name in enumerate(expected.names)
     }
-    return {name: sigma for name, sigma in deviations.items() if sigma > _NO_NOISE}
-
-
-def read_and_check(
-    paths: Sequence[Path],
-    mapping: Path | str | None = None,
-    names: Mapping[str, str] | None = None,
-    vehicle: VehicleFile | None = None,
-    nominal: NominalModel | None = None,
-    progress: ProgressCallback = no_progress,
-) -> tuple[list[Flight], list[Finding]]:
-    """Return the flights of files, held against a vehicle file and a model if given, checked.
-
-    Also why others are left out: what contradicts itself costs its own flight only.
-
-    Raises:
-        InputError: as `read_logs`; or as `check_log`, if no flight is left.
-    """
-    progress(f"reading {paths[0].name}{' and others' if len(paths) > 1 else ''}", 0.0)
-    flights = read_logs(paths, mapping=mapping, names=names)
-    if vehicle is not None:
-        flights = held_against(flights, vehicle)
-    hover = None
-    if nominal is not None:
-        hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
-    return check_flights(flights, hover, progress=progress)
+    return {name: sigma for name, sigma in deviations.items() if sigma > _MIN_NOISE}
 
 
 def check_flights(
@@ -329,12 +304,19 @@ def diagnose_files(
     progress: ProgressCallback = no_progress,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> tuple[Diagnosis, FlightAnalysis]:
-    """Read, check and diagnose flights: see `read_and_check` and `diagnose_flights`.
+    """Read, check and diagnose flights, held against a vehicle file if given.
+
+    A flight that contradicts itself is left out. See `diagnose_flights`.
 
     Raises:
-        InputError: a log or the mapping can't be used, or no flight can.
+        InputError: as `read_logs`; or as `check_log`, if no flight is left.
     """
-    logs, refused = read_and_check(paths, mapping, names, vehicle, nominal, progress)
+    progress(f"reading {paths[0].name}{' and others' if len(paths) > 1 else ''}", 0.0)
+    flights = read_logs(paths, mapping=mapping, names=names)
+    if vehicle is not None:
+        flights = held_against(flights, vehicle)
+    hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
+    logs, refused = check_flights(flights, hover, progress=progress)
     return diagnose_flights(logs, nominal, progress, clock, refused)
 
 
@@ -355,8 +337,8 @@ def diagnose_logs(
         mapping: file, or name of a shipped one.
         names: topic as recorded → name in this suite.
         vehicle: name or file of the vehicle that flew.
-        clock: tells the time [s], to say how long it took.
-        on_progress: told the progress.
+        clock: returns the time [s], for the run time.
+        on_progress: called with the progress.
 
     Returns:
         The diagnosis, the name of what the flights were compared with, and the model given.

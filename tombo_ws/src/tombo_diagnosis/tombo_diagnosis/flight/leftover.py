@@ -28,7 +28,7 @@ _CHANNELS: Mapping[str, tuple[str, ...]] = {
 VARIABLES: Final = (
     "x", "y", "z", "vx", "vy", "vz", "u", "v", "w", "p", "q", "r", "yaw", "thrust", "t", "voltage",
 )  # fmt: skip
-"""What a leftover may follow: `LeftoverSamples.state`."""
+"""Variables of `LeftoverSamples.state` that a leftover may follow."""
 _SLICES = 10
 """Of a variable, with equally many samples each."""
 _MIN_R2 = 0.1
@@ -40,7 +40,7 @@ _MAX_VARIABLES = 3
 def flight_leftover(
     problem: FlightProblem, fit: Fit, quantities: Collection[str] = tuple(_CHANNELS)
 ) -> Leftover:
-    """Return what a fit leaves of force, moment or both, beside what its tolerances explain."""
+    """Return the force, moment or both that neither a fit nor its tolerances explain."""
     flights = range(len(problem.tracks))
     by_quantity = {q: [_samples(problem, fit, f, q) for f in flights] for q in quantities}
     measured = {q: [s for s in each if s is not None] for q, each in by_quantity.items()}
@@ -133,8 +133,8 @@ def _samples(
 def _without_tolerances(target: Array, tolerated: Array) -> Array:
     """Return (M, A) without what its tolerances most probably have.
 
-    `tolerated` (M, A, U): what one tolerance of each parameter changes. Noise is what changes from
-    one block to the next: what is slower is the leftover itself.
+    `tolerated` (M, A, U): the change by one tolerance of each parameter. Noise changes from one
+    block to the next; slower changes are the leftover itself.
     """
     noise = np.maximum(np.diff(target, axis=0).std(axis=0) / math.sqrt(2.0), 1e-9)
     x = (tolerated / noise[:, None]).reshape(target.size, -1)
@@ -167,7 +167,7 @@ def _inertia(vehicle: object) -> Array:
 
 
 def _unknowns(problem: FlightProblem, fit: Fit) -> Array:
-    """Return what is free as fitted and all else as nominal, about the fit's theta."""
+    """Return free parameters as fitted and all others as nominal, about the fit's theta."""
     unknowns = fit.prior_mean.copy()
     places = problem.columns.places((*fit.free, *problem.columns.absorbed))
     unknowns[places] = fit.solution.mean[places]
@@ -175,7 +175,7 @@ def _unknowns(problem: FlightProblem, fit: Fit) -> Array:
 
 
 def _state(problem: FlightProblem, fit: Fit, flight: int) -> dict[str, Array]:
-    """Return what a leftover may follow, at the ticks of a flight."""
+    """Return the variables that a leftover may follow, at the ticks of a flight."""
     track, motion = problem.tracks[flight], tangent_of(fit).linears[flight].motion
     values = motion.state
     body = np.einsum("nji,nj->ni", motion.rotation, values[:, 3:6])

@@ -33,13 +33,13 @@ from tombo_flight.vehicle_file import HealthyFlights
 from tombo_logs.checks.spans import block_means
 
 _BLOCK_S = 0.48
-"""Means over such blocks are looked at: noise of the sensors is no gust."""
-_MIN_SPEED, _MIN_BLOCKS = 0.3, 12
+"""Means over such blocks are looked at, without the noise of the sensors."""
+_MIN_SPEED_M_S, _MIN_BLOCKS = 0.3, 12
 """m/s, and blocks of a flight that are faster: only these are looked at, if there are enough."""
-_SPOTS = 4
+_GRID_SPOTS = 4
 """Spots of the grid, along and across."""
 _FOLDS = 3
-"""Blocks of a single flight that stand for flights."""
+"""Blocks of a single flight that count as flights."""
 
 
 def features(motion: MotionOfPoses, t: Array, low: Array, high: Array) -> Array:
@@ -66,8 +66,8 @@ def features(motion: MotionOfPoses, t: Array, low: Array, high: Array) -> Array:
 
 def _grid_features(state: Array, low: Array, high: Array) -> Array:
     """Return (N, k): how near the vehicle is to each of a grid of spots on the ground."""
-    spacing = np.maximum((high - low)[:2] / (_SPOTS - 1), 0.1)
-    grid = [low[i] + spacing[i] * np.arange(_SPOTS) for i in (0, 1)]
+    spacing = np.maximum((high - low)[:2] / (_GRID_SPOTS - 1), 0.1)
+    grid = [low[i] + spacing[i] * np.arange(_GRID_SPOTS) for i in (0, 1)]
     near = [np.exp(-0.5 * ((state[:, i, None] - grid[i]) / spacing[i]) ** 2) for i in (0, 1)]
     both = near[0][:, :, None] * near[1][:, None, :]
     return np.asarray(both.reshape(both.shape[0], -1))
@@ -94,7 +94,7 @@ def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...])
             step = max(1, round(_BLOCK_S * problem.per_second(group)))
             # At rest a force against the motion has the direction of the pose's noise.
             moving = block_means(kernel.smooth @ motion.state[:, 3:6], step)
-            fast = np.linalg.norm(moving, axis=1) > _MIN_SPEED
+            fast = np.linalg.norm(moving, axis=1) > _MIN_SPEED_M_S
             used = fast if np.count_nonzero(fast) > _MIN_BLOCKS else np.ones(fast.size, np.bool_)
             xs.append(block_means(x, step)[used])
             ys.append(block_means(rows[:, chosen], step)[used])
@@ -104,7 +104,7 @@ def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...])
     scale = np.maximum(np.vstack(xs).std(axis=0), 1e-9)
     xs = [x / scale for x in xs]
     # With and without the spots: a force at large needs none, and they dilute what it shows.
-    return max(_held_out_r2([x[:, :last] for x in xs], ys) for last in (-(_SPOTS**2), None))
+    return max(_held_out_r2([x[:, :last] for x in xs], ys) for last in (-(_GRID_SPOTS**2), None))
 
 
 def _held_out_r2(xs: Sequence[Array], ys: Sequence[Array]) -> float:
@@ -155,7 +155,7 @@ class ScaleVariances:
 def residual_variances(
     problem: FlightProblem, fit: Fit, flights: Sequence[int] | None = None
 ) -> ScaleVariances:
-    """Return what a fit, tolerances used, leaves unexplained of all flights, or of some."""
+    """Return the residual variances of a fit, tolerances used, of all flights or of some."""
     chosen = range(len(problem.tracks)) if flights is None else flights
     return _powers(problem, {f: problem.residual(fit, f) for f in chosen})
 
@@ -222,14 +222,14 @@ def residual_excesses(measured: ScaleVariances, expected: ScaleVariances) -> lis
     return sorted(result, key=lambda each: -each.excess)
 
 
-_TIMES = np.array([0.15, 0.3, 0.5, 0.8, 1.2, 2.0, 3.5, 7.0])
-_LONGEST = 3.0
+_GUST_TIMES_S = np.array([0.15, 0.3, 0.5, 0.8, 1.2, 2.0, 3.5, 7.0])
+_MAX_GUST_TIME_S = 3.0
 """s: a force that holds for longer while the vehicle moves on is one of place, not of air."""
-_TIME_TOLERANCE = 0.3
+_GUST_LOG_TIME_SD = 0.3
 """Healthy scatter of the logarithm of the gusts' time."""
 FORCE_CHANNELS = ("force", "acceleration")
 """How the names of residuals begin that are forces per mass."""
-_DEVIATIONS = np.geomspace(0.05, 4.0, 120)
+_GUST_DEVIATIONS_M_S = np.geomspace(0.05, 4.0, 120)
 """m/s"""
 _MODEL_LOG_SD = 0.1
 """Healthy scatter of the logarithm of a power beyond sampling."""
@@ -248,13 +248,13 @@ class GustFit:
     theta: Array
     """The theta that was given, with these gusts."""
     at_edge: bool
-    """Time or deviation are what no gusts have: what was fitted is something else."""
+    """Time or deviation are not those of gusts: another force was fitted."""
     stronger: bool
-    """There is more of it than in the nominal model: of less no cause is asked."""
+    """Gusts are stronger than in the nominal model; weaker ones need no cause."""
 
 
 def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> GustFit:
-    """Fit deviation and time of the gusts to what a fit leaves of the forces, `measured`."""
+    """Fit deviation and time of the gusts to the residual forces of a fit, `measured`."""
     places = layout()["gusts"]
     forces = [j for j, n in enumerate(measured.names) if n.startswith(FORCE_CHANNELS)]
     values = measured.variances[:, forces]
@@ -270,10 +270,10 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
     theta_without_gusts[places["deviation"]] = 0.0
     quiet = noise_variances(problem, theta_without_gusts)
     noise_only = quiet.variances[:, forces]
-    # What healthy flights leave, whatever it is, is no news of the air.
+    # The residual of healthy flights says nothing about the air.
     usual = with_healthy(quiet, problem.nominal.healthy).variances[:, forces]
     costs, tried = [], []
-    for time in _TIMES:
+    for time in _GUST_TIMES_S:
         theta_with_gusts = theta_without_gusts.copy()
         theta_with_gusts[places["deviation"]] = 1.0
         theta_with_gusts[places["time"]] = time
@@ -281,7 +281,7 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
         unit = np.maximum(
             noise_variances(problem, theta_with_gusts).variances[:, forces] - noise_only, 0.0
         )
-        for deviation in _DEVIATIONS:
+        for deviation in _GUST_DEVIATIONS_M_S:
             costs.append(cost(usual + deviation**2 * unit))
             tried.append((deviation, time))
     grid = np.array(tried)
@@ -295,13 +295,14 @@ def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> Gus
     theta[places["deviation"]], theta[places["time"]] = deviation, time
     deviation_parameter = next(p for p in PARAMETERS if p.index == places["deviation"])
     off = (grid[:, 0] - problem.theta[deviation_parameter.index]) / deviation_parameter.tolerance
-    slow = np.log(grid[:, 1] / problem.theta[places["time"]]) / _TIME_TOLERANCE
+    slow = np.log(grid[:, 1] / problem.theta[places["time"]]) / _GUST_LOG_TIME_SD
     healthy = np.exp(-0.5 * (off**2 + slow**2)) * grid[:, 0]
     healthy /= healthy.sum()
     evidence = math.log(max(float(likelihood.mean()), 1e-300))
     evidence -= math.log(max(float(likelihood @ healthy), 1e-300))
     return GustFit(
         deviation, time, deviation * float(spread[0]), time * float(spread[1]), evidence, theta,
-        not _TIMES[0] * 1.2 < time < _LONGEST or deviation > _DEVIATIONS[-1] / 1.2,
+        not _GUST_TIMES_S[0] * 1.2 < time < _MAX_GUST_TIME_S
+        or deviation > _GUST_DEVIATIONS_M_S[-1] / 1.2,
         deviation > float(problem.theta[deviation_parameter.index]),
     )  # fmt: skip

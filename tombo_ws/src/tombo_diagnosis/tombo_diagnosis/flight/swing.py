@@ -25,24 +25,24 @@ from tombo_logs.checks.spans import block_means
 
 _BLOCK_S = 0.24
 """Means over such blocks are fitted."""
-_CORRELATED = 5.0
+_BLOCKS_PER_SAMPLE = 5.0
 """Blocks that count as one sample."""
-_PERIODS, _HIGHEST_HZ = 3.0, 1.5
+_MIN_PERIODS, _MAX_FREQUENCY_HZ = 3.0, 1.5
 """Fewest periods in the shortest flight, and the highest frequency."""
-_STEP, _BESIDE, _FAR = 0.2, 1.5, 8.0
+_FREQUENCY_STEP, _NEIGHBOURS_FROM, _NEIGHBOURS_TO = 0.2, 1.5, 8.0
 """Over the time of the shortest flight: step of the frequencies that are tried, and from where to
 where the neighbours of a line are."""
-_LINE, _SHARE = 10.0, 0.5
-"""Least power of a line over that of its neighbours, and share of what is left of the forces."""
-_ROUND = 0.5
+_MIN_LINE_RATIO, _MIN_LINE_SHARE = 10.0, 0.5
+"""Least power of a line over its neighbours', and least share of the forces' residual."""
+_MAX_ACROSS_SHARE = 0.5
 """Largest part across its direction over that along it: wind does not go round."""
-_OF_COURSE = 1.0
+_MIN_AIR_OVER_OWN = 1.0
 """Least swing of the air over the vehicle's own velocity at its frequency."""
 
 
 @dataclass(frozen=True)
-class _Push:
-    """What is left of a flight's forces, and what wind does to them, as block means."""
+class _ForceSamples:
+    """A flight's residual forces, and their slopes over wind, as block means."""
 
     t: Array
     """(B,) since the first tick [s]."""
@@ -75,14 +75,14 @@ class _Push:
 
 def with_swing(problem: FlightProblem, fit: Fit) -> list[Track] | None:
     """Return the flights with the swing of the air that a fit leaves of each; None: no swing."""
-    pushes: dict[int, _Push] = {}
+    pushes: dict[int, _ForceSamples] = {}
     for f, track in enumerate(problem.tracks):
-        push = _push(problem, fit, f)
+        push = _force_samples(problem, fit, f)
         if push is None:
             return None
         known = pushes.get(id(track.log))
         pushes[id(track.log)] = push if known is None else _joined(known, push)
-    frequency = _line(list(pushes.values()))
+    frequency = _line_frequency(list(pushes.values()))
     if frequency is None:
         return None
     swings = {key: _swing(push, frequency) for key, push in pushes.items()}
@@ -92,7 +92,7 @@ def with_swing(problem: FlightProblem, fit: Fit) -> list[Track] | None:
     return [replace(t, swing=s) for t, s in zip(problem.tracks, found, strict=True)]
 
 
-def _push(problem: FlightProblem, fit: Fit, flight: int) -> _Push | None:
+def _force_samples(problem: FlightProblem, fit: Fit, flight: int) -> _ForceSamples | None:
     track, linear = problem.tracks[flight], tangent_of(fit).linears[flight]
     places = [layout()[WIND][axis] for axis in ("east", "north")]
     group = "fast" if track.formulation == "imu" else "slow"
@@ -109,49 +109,52 @@ def _push(problem: FlightProblem, fit: Fit, flight: int) -> _Push | None:
     t, force, east, north, velocity = (
         block_means(each, length) for each in (times, rows, *columns, pace)
     )
-    return _Push(t[:, 0], force, (east, north), velocity)
+    return _ForceSamples(t[:, 0], force, (east, north), velocity)
 
 
-def _joined(a: _Push, b: _Push) -> _Push:
+def _joined(a: _ForceSamples, b: _ForceSamples) -> _ForceSamples:
     """Return two parts of a flight as one."""
     (ax, ay), (bx, by) = a.slopes, b.slopes
     pairs = ((a.t, b.t), (a.force, b.force), (ax, bx), (ay, by), (a.velocity, b.velocity))
     t, force, east, north, velocity = (np.concatenate(pair) for pair in pairs)
-    return _Push(t, force, (east, north), velocity)
+    return _ForceSamples(t, force, (east, north), velocity)
 
 
-def _line(pushes: Sequence[_Push]) -> float | None:
+def _line_frequency(pushes: Sequence[_ForceSamples]) -> float | None:
     """Return the frequency [Hz] of a line in the spectrum of all flights; None: there is none."""
     length = min(float(p.t[-1] - p.t[0]) for p in pushes)
-    tried = np.arange(1.0, _HIGHEST_HZ * length, _STEP) / length
-    if tried.size < _FAR / _STEP:
+    tried = np.arange(1.0, _MAX_FREQUENCY_HZ * length, _FREQUENCY_STEP) / length
+    if tried.size < _NEIGHBOURS_TO / _FREQUENCY_STEP:
         return None
 
     def power(frequency: float) -> float:
         return sum(p.air(frequency)[1] for p in pushes)
 
     powers = np.array([power(f) for f in tried])
-    k = int(np.argmax(np.where(tried * length >= _PERIODS, powers, 0.0)))
+    k = int(np.argmax(np.where(tried * length >= _MIN_PERIODS, powers, 0.0)))
     apart = (tried - tried[k]) * length
-    sides = [(apart > -_FAR) & (apart < -_BESIDE), (apart > _BESIDE) & (apart < _FAR)]
+    sides = [
+        (apart > -_NEIGHBOURS_TO) & (apart < -_NEIGHBOURS_FROM),
+        (apart > _NEIGHBOURS_FROM) & (apart < _NEIGHBOURS_TO),
+    ]
     beside = max(float(powers[side].mean()) for side in sides if side.any())
     total = sum(float(np.sum(p.force**2)) for p in pushes)
-    if powers[k] < max(_LINE * beside, _SHARE * total):
+    if powers[k] < max(_MIN_LINE_RATIO * beside, _MIN_LINE_SHARE * total):
         return None
     around = (tried[k] - 0.5 / length, tried[k] + 0.5 / length)
     return float(minimize_scalar(lambda f: -power(f), bounds=around, method="bounded").x)
 
 
-def _swing(push: _Push, frequency: float) -> Swing | None:
+def _swing(push: _ForceSamples, frequency: float) -> Swing | None:
     """Return a flight's swing; None: it goes round, or is of the vehicle's own course."""
     air, taken, inverse = push.air(frequency)
     ways, sizes, waves = np.linalg.svd(air)
     size = float(sizes[0])
-    if sizes[1] > _ROUND * size or size < _OF_COURSE * push.own(frequency):
+    if sizes[1] > _MAX_ACROSS_SHARE * size or size < _MIN_AIR_OVER_OWN * push.own(frequency):
         return None
     left = (float(np.sum(push.force**2)) - taken) / push.force.size
-    deviation = math.sqrt(max(left * _CORRELATED * float(np.trace(inverse)) / 4.0, 1e-12))
-    samples = push.t.size / _CORRELATED
+    deviation = math.sqrt(max(left * _BLOCKS_PER_SAMPLE * float(np.trace(inverse)) / 4.0, 1e-12))
+    samples = push.t.size / _BLOCKS_PER_SAMPLE
     spread = math.sqrt(6.0 / samples) * deviation * math.sqrt(samples / 2.0) / size
     length = float(push.t[-1] - push.t[0])
     east, north = (float(x) for x in size * ways[:, 0])

@@ -1,4 +1,4 @@
-"""What a report shows of the controller."""
+"""The items of a report about the controller."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from tombo_flight.report.page import Item, Table, Text
 
 
 def controller_items(report: ControllerReport | None) -> list[Item]:
-    """Return gains with intervals, what swings, and what is not known."""
+    """Return gains with intervals, oscillations, and the unknown gains."""
     if report is None:
         return []
     items: list[Item] = []

@@ -24,7 +24,7 @@ from tombo_diagnosis.report.words import (
     best_gains,
     headline,
     leading,
-    variable_name,
+    variable_label,
 )
 from tombo_diagnosis.wording import certainty, display_name, interval, percent, unit
 from tombo_flight.extended_model import FittedParameter, Gain
@@ -60,11 +60,11 @@ def _panel(draw: Callable[[Axes], None]) -> Figure:
     return sheet
 
 
-def draw_dependence(leftover: Leftover, found: Dependence) -> Figure:
+def draw_dependence(leftover: Leftover, followed: Dependence) -> Figure:
     """Draw the means of a leftover in slices of a variable that it follows, for a page."""
-    flights = [s for s in leftover.samples if s.quantity == found.quantity]
-    x = np.concatenate([s.state[found.variable] for s in flights])
-    values = np.vstack([s.map if found.frame == "map" else s.body for s in flights])
+    flights = [s for s in leftover.samples if s.quantity == followed.quantity]
+    x = np.concatenate([s.state[followed.variable] for s in flights])
+    values = np.vstack([s.map if followed.frame == "map" else s.body for s in flights])
     # Samples of two seconds count as one.
     stretches = [np.floor(s.state["t"] / 2.0).astype(np.int64) for s in flights]
     first = np.cumsum([0, *(int(b.max()) + 1 for b in stretches)])
@@ -78,11 +78,11 @@ def draw_dependence(leftover: Leftover, found: Dependence) -> Figure:
                 bins = data.binned(x, y, block)
                 axes.errorbar(
                     bins.x, bins.mean, yerr=np.nan_to_num(bins.half), color=colour, lw=1.4,
-                    marker="o", ms=3, elinewidth=0.9, label=f"{found.frame} {axis}",
+                    marker="o", ms=3, elinewidth=0.9, label=f"{followed.frame} {axis}",
                 )  # fmt: skip
         axes.legend(loc="best", ncols=3, fontsize=7)
-        axes.set_xlabel(variable_name(found.variable))
-        axes.set_ylabel(f"{found.quantity} left over [{LEFTOVER_UNITS[found.quantity]}]")
+        axes.set_xlabel(variable_label(followed.variable))
+        axes.set_ylabel(f"{followed.quantity} left over [{LEFTOVER_UNITS[followed.quantity]}]")
 
     return _panel(draw)
 
@@ -101,7 +101,7 @@ def time_axes(axes: Axes, diagnosis: Diagnosis, group: Sequence[Residual]) -> No
 
 
 def residual_marks(axes: Axes, diagnosis: Diagnosis, residual: Residual, zero_s: float) -> None:
-    """Draw a residual against time: noise, what the checks found, lines before and after."""
+    """Draw a residual against time: noise, findings of the checks, lines before and after."""
     _noise(axes, residual.sigma)
     for finding in diagnosis.prechecks:
         if finding.flight == residual.flight and data.spans(finding):
@@ -117,7 +117,7 @@ def residual_marks(axes: Axes, diagnosis: Diagnosis, residual: Residual, zero_s:
 
 
 def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6, points: int = 1000) -> None:
-    """Draw one channel against one driver into axes: so many samples as dots, size in points."""
+    """Draw one channel against one driver into axes, `points` samples as dots of size `dot`."""
     _noise(axes, pair.sigma)
     colours = {"before": BEFORE, "after": AFTER}
     for name, y in pair.series:
@@ -135,7 +135,7 @@ def pair_axes(axes: Axes, pair: Pair, dot: float = 2.6, points: int = 1000) -> N
 
 
 def gain_axes(axes: Axes, group: Sequence[Gain]) -> None:
-    """Draw errors as bars: what is left, in per cent of what was."""
+    """Draw errors as bars, in per cent of the error before."""
     rows = np.arange(len(group))[::-1]
     axes.axvline(100.0, color=BEFORE, lw=2.0)
     for row, gain in zip(rows, group, strict=True):

@@ -27,7 +27,7 @@ DIAGNOSIS_FILES: Final = (*REPORT_FILES, MODEL, SUMMARY)
 
 @dataclass(frozen=True)
 class NominalReference:
-    """What the flights were compared with, and when: the provenance in `model.yaml`."""
+    """The model that the flights were compared with, and the date: the origin in `model.yaml`."""
 
     scenario: str
     date: str

@@ -1,6 +1,6 @@
-"""The page of any logs: what was asked for, what was flown, and how well it was measured.
+"""The page of any logs: set points, the flight, and how well it was measured.
 
-Its questions are those of PX4's Flight Review; up to six flights stand in the same plots.
+Its questions are those of PX4's Flight Review; up to six flights share the plots.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ _COLOURS: Final = (
 )
 _OF_LINE: Final = {"-": style.BLUE, "-.": style.ORANGE, ":": style.VERMILLION}
 """Colours of a single log."""
-_MOST_SAMPLES: Final = 4000
-"""A curve is thinned to so many samples."""
-_GAPS: Final = 2.5
-"""An interval longer than so many medians is a gap."""
-_SATURATED: Final = 0.995
+_MAX_SAMPLES: Final = 4000
+"""Largest number of samples of a curve."""
+_MIN_GAP_MEDIANS: Final = 2.5
+"""Medians; a longer interval is a gap."""
+_MIN_SATURATED_SHARE: Final = 0.995
 """Share of its largest value from which on a motor command counts as at its limit."""
-_ABSURD: Final = 1e9
+_MAX_MEASURABLE: Final = 1e9
 """No sensor of a vehicle measures so much, in SI units: such samples are left out of figures."""
 _XYZ: Final = ("x", "y", "z")
-_TURNS: Final = ("yaw", "pitch", "roll")
+_ANGLES: Final = ("yaw", "pitch", "roll")
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Panels:
     components: Sequence[str]
     curves: Sequence[LogCurve]
     values: Callable[[Array], Array] = lambda values: values
-    """What is drawn of the field's values, (N, components)."""
+    """From the field's values to the drawn ones, (N, components)."""
 
 
 def _angles(quaternions: Array) -> Array:
@@ -88,7 +88,7 @@ _PICTURES: Final = (
         LogCurve(ODOMETRY.name, "position", "estimate", "-."),
         LogCurve(SETPOINT.name, "position", "set point", ":"),
     )),
-    Panels("Attitude", "°", _TURNS, (
+    Panels("Attitude", "°", _ANGLES, (
         LogCurve(MOCAP_POSE.name, "attitude", "measured"),
         LogCurve(ATTITUDE_SETPOINT.name, "orientation", "set point", ":"),
     ), _angles),
@@ -172,7 +172,7 @@ def log_figures(flight: Flight) -> dict[str, float | str | None]:
     interval = None if pose is None else intervals(pose.t)
     late = None if pose is None or pose.arrival is None else 1e3 * (pose.arrival - pose.t)
     if (_of_known(np.median, late) or 0.0) < 0.0:
-        late = None  # stamps later than arrival are of another clock, and tell no latency
+        late = None  # stamps later than arrival are of another clock
     return {
         "duration [s]": _of_known(np.max, np.array([flight.duration_s])),
         "poses [Hz]": None if interval is None else 1.0 / float(np.median(interval)),
@@ -200,7 +200,7 @@ def intervals(stamps: Array) -> Array | None:
 
 def gaps(intervals: Array) -> int:
     """Return how many intervals are longer than 2.5 times their median."""
-    return int(np.sum(intervals > _GAPS * np.median(intervals)))
+    return int(np.sum(intervals > _MIN_GAP_MEDIANS * np.median(intervals)))
 
 
 def tracking_error(
@@ -208,7 +208,7 @@ def tracking_error(
 ) -> float | None:
     """Return the root mean square of measured minus asked for; None where one is missing.
 
-    What is asked for holds until the next message; before the first there is none.
+    A set point holds until the next message; before the first there is none.
     """
     real = flight.topics[measured].get(field) if measured in flight.topics else None
     wanted = flight.topics[asked].get(asked_field) if asked in flight.topics else None
@@ -218,14 +218,14 @@ def tracking_error(
     usable = index >= 0
     with np.errstate(invalid="ignore", over="ignore"):  # of values that are not finite
         error = real.values[usable] - wanted.values[index[usable]]
-    error = error[(np.abs(error) < _ABSURD).all(axis=1)]
+    error = error[(np.abs(error) < _MAX_MEASURABLE).all(axis=1)]
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) if len(error) else None
 
 
 def saturation(command: Series) -> str:
     """Return in which share of the time a motor is at its limit."""
     top = _of_known(np.max, command.values) or 0.0
-    share = float(np.mean(np.any(command.values >= _SATURATED * max(top, 1.0), axis=1)))
+    share = float(np.mean(np.any(command.values >= _MIN_SATURATED_SHARE * max(top, 1.0), axis=1)))
     return f"{100 * share:.1f} %"
 
 
@@ -244,7 +244,7 @@ def spectrum_of(series: Series) -> tuple[Array, Array] | None:
 
     None: too short, irregular, without any motion, or of values that nothing can measure.
     """
-    usable = np.isfinite(series.t) & (np.abs(series.values) < _ABSURD).all(axis=1)
+    usable = np.isfinite(series.t) & (np.abs(series.values) < _MAX_MEASURABLE).all(axis=1)
     t, first = np.unique(series.t[usable], return_index=True)
     values = series.values[usable][first]
     if len(t) < 256 or not np.ptp(values, axis=0).any():
@@ -267,14 +267,14 @@ def _of_known(compute: Callable[[Array], Any], values: Array | None) -> float | 
 def _largest(series: Series | None) -> float | None:
     if series is None:
         return None
-    usable = series.values[(np.abs(series.values) < _ABSURD).all(axis=1)]
+    usable = series.values[(np.abs(series.values) < _MAX_MEASURABLE).all(axis=1)]
     return float(np.linalg.norm(usable, axis=1).max()) if len(usable) else None
 
 
 def _thinned(series: Series) -> tuple[Array, Array]:
-    step = max(1, len(series.t) // _MOST_SAMPLES)
+    step = max(1, len(series.t) // _MAX_SAMPLES)
     values = series.values[::step]
-    return series.t[::step], np.where(np.abs(values) < _ABSURD, values, np.nan)
+    return series.t[::step], np.where(np.abs(values) < _MAX_MEASURABLE, values, np.nan)
 
 
 def _has(flight: Flight, curve: LogCurve) -> bool:

@@ -83,7 +83,7 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
     """Return the page of a diagnosis.
 
     Args:
-        diagnosis: what it shows.
+        diagnosis: its content.
         folder: where mission and model will lie, as the reader would type it.
         vehicle: as it was given, a name or file; empty: the suite's own.
     """
@@ -186,7 +186,7 @@ def _pair_picture(pair: Pair) -> Picture:
 
 
 def _legend(extended: bool, *, same: bool = False, faults: bool = False) -> Markup:
-    """Return what the colours mean, once for all pictures of a section."""
+    """Return the meaning of the colours, once for all pictures of a section."""
     named = [("before", "before: model as it was" if extended else "measured minus model")]
     named += [("after", "after: extended model")] if extended else []
     named += [("same", "the same before and after")] if same else []
@@ -276,7 +276,7 @@ def cause_items(diagnosis: Diagnosis) -> list[Item]:
 
 
 def possibility_table(possible: Iterable[tuple[str, float, Sequence[FittedParameter]]]) -> Table:
-    """Return what may be the cause: of each its name, probability and parameters."""
+    """Return the possible causes, each with name, probability and parameters."""
     rows = []
     for what, probability, parameters in possible:
         sure = certainty(probability)
@@ -362,7 +362,7 @@ def _error_cell(error: float, largest: float, unit_text: str, style: str) -> Cel
 
 
 def bar_length(value: float, largest: float) -> float:
-    """Return the length of a bar that shows a value beside the largest."""
+    """Return the length of a bar, as a share of the bar of the largest value."""
     return value / largest if largest > 0.0 and math.isfinite(value) else 0.0
 
 
@@ -434,7 +434,7 @@ def _score(score: Score, several: bool) -> TableRow:
 def check_items(
     findings: Sequence[Finding], what: str, zeros: Mapping[str, float] | None = None
 ) -> list[Item]:
-    """Return what the checks of flights or tables found, the worst first.
+    """Return the findings of the checks of flights or tables, the worst first.
 
     One line for what several have alike. Of flights, what is no fault and no doubt is folded
     away behind what is.
@@ -501,7 +501,7 @@ def _folded(
 
 
 def flight_items(flights: Sequence[FlightSummary]) -> list[Item]:
-    """Return the flights: how much of each was used, how, and what it lacked."""
+    """Return the flights: the time used, the sensors, and the missing channels."""
     rows = [
         (
             f.name, f"{f.used_s:.1f} of {f.duration_s:.1f} s", f.formulation,

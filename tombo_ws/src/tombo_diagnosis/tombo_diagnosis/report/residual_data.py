@@ -37,7 +37,7 @@ class Bins:
 
 @dataclass(frozen=True)
 class Pair:
-    """A channel's residual beside one quantity that could drive it, all flights together."""
+    """A channel's residual with one quantity that could drive it, all flights together."""
 
     channel: str
     unit: str
@@ -71,7 +71,7 @@ class Pair:
 
 
 def rms(values: Array) -> float:
-    """Return the root of the mean square of what is finite; NaN if nothing is."""
+    """Return the root of the mean square of finite values; NaN of none."""
     finite = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else math.nan
 
@@ -88,7 +88,7 @@ def corrected(residuals: Sequence[Residual]) -> bool:
 
 
 def by_channel(residuals: Sequence[Residual]) -> dict[str, list[Residual]]:
-    """Return the residuals of each channel, channels in the order of what was gained there.
+    """Return the residuals of each channel, in the order of the gain.
 
     Without an extension: in the order of the residual over the noise.
     """
@@ -115,7 +115,7 @@ def pairs(diagnosis: Diagnosis, most: int = 4) -> list[Pair]:
     """Return the pictures that show the cause best: channels and what drives them.
 
     For each channel the driver that its correction (before minus after) follows, the channels
-    with the largest gain first. With nothing corrected, the residual itself stands for it.
+    with the largest gain first. Without a correction the residual itself counts.
     """
     groups = by_channel(diagnosis.residuals)
     extended = corrected(diagnosis.residuals)
@@ -205,7 +205,7 @@ def _slices(x: Array, count: int) -> NDArray[np.int64]:
 
 
 def thinned(x: Array, y: Array, most: int) -> tuple[Array, Array]:
-    """Return at most so many points, spread evenly over the samples."""
+    """Return at most `most` points, spread evenly over the samples."""
     index = np.unique(np.linspace(0, len(x) - 1, min(most, len(x))).astype(int))
     return x[index], y[index]
 
@@ -241,7 +241,7 @@ def zero_s(diagnosis: Diagnosis, flight: str) -> float:
 
 
 def clearest(residuals: Sequence[Residual]) -> Residual:
-    """Return the flight of one channel that shows most: what was removed, else what is there."""
+    """Return the flight with the largest correction of a channel, else the largest residual."""
     return max(residuals, key=lambda r: _excess([r]) if corrected([r]) else rms(r.before))
 
 

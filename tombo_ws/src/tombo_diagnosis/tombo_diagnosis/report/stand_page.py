@@ -83,7 +83,8 @@ def stand_mapping(stand: StandDiagnosis) -> dict[str, Any]:
     """Return the content of `diagnosis.json`: that of flights, `runs` for their `flights`."""
     mapping = diagnosis_mapping(stand.diagnosis)
     mapping["runs"] = mapping.pop("flights")
-    mapping.pop("vehicle")
+    for of_flights in ("vehicle", "passes"):
+        del mapping[of_flights]
     if stand.constant is not None:
         mapping["thrust_constant"] = plain(asdict(stand.constant))
     return mapping
@@ -208,7 +209,7 @@ def _constant(stand: StandDiagnosis) -> list[Item]:
 
 
 def _tables_read(diagnosis: Diagnosis) -> list[Item]:
-    """Return the tables that were read, and what they lack."""
+    """Return the tables that were read, and their missing channels."""
     rows = [
         (f.name, ", ".join(map(display_name, f.missing)) or "nothing", f.source)
         for f in diagnosis.flights

@@ -13,7 +13,7 @@ from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Card, Page, Picture, Section, Table
 
-_WORDS: Final = {
+_CAUSE_TEXTS: Final = {
     "motor_or_propeller_lost": "a motor or a propeller was lost",
     "contact": "it touched something",
     "oscillation": "a control loop oscillates",
@@ -59,7 +59,7 @@ def why_page(found: Why) -> Page:
 
 
 def findings_table(found: Why) -> list[Table]:
-    """Return what the checks have against a log; nothing where there is nothing."""
+    """Return the faults and doubts of the checks; nothing where there are none."""
     rows = [[f.severity, f.check, f.message] for f in found.findings if f.severity != "info"]
     return [Table(["severity", "check", "what"], rows)] if rows else []
 
@@ -69,10 +69,10 @@ def _headline(found: Why) -> str:
         return "Nothing wrong"
     at = f"At {found.time_s:.2f} s"
     if found.cause == "set":
-        return f"{at}: {' or '.join(_WORDS[CAUSES[m]] for m in found.members)}"
+        return f"{at}: {' or '.join(_CAUSE_TEXTS[CAUSES[m]] for m in found.members)}"
     if found.cause == "unknown":
         return f"{at} something went wrong; the log does not tell the cause"
-    return f"{at} {_WORDS[found.cause]}"
+    return f"{at} {_CAUSE_TEXTS[found.cause]}"
 
 
 def draw_why(found: Why) -> Figure:

@@ -21,7 +21,7 @@ _BADGES: Final = {
     "partly_explained": ("partly explained", "warn"),
 }
 LABELS: Final = {verdict: label for verdict, (label, _) in _BADGES.items()}
-"""What is written on the badge of each verdict."""
+"""Verdict → text of its badge."""
 STYLES: Final = {verdict: colour for verdict, (_, colour) in _BADGES.items()}
 """How each verdict is coloured: good, warn or bad."""
 
@@ -45,7 +45,7 @@ _MOST_TOLD: Final = 4
 
 
 def compared_with(diagnosis: Diagnosis) -> str:
-    """Return what the flights were compared with, and how well its values are known."""
+    """Return the model that the flights were compared with, and its tolerances."""
     known = [
         f"{name} {sized(diagnosis.tolerances[label], parameter_unit)}"
         for label, name in _TOLERANCES.items()
@@ -78,7 +78,7 @@ def detectable_text(diagnosis: Diagnosis) -> str:
 
 
 def leading(diagnosis: Diagnosis) -> list[Cause]:
-    """Return the causes, that which removes most in flights held out first."""
+    """Return the causes, ordered by the share that each removes in flights held out."""
     scores = {s.effect: s for s in diagnosis.candidates}
 
     def removes(cause: Cause) -> tuple[float, float]:
@@ -108,6 +108,17 @@ _VARIABLES: Final = {
     "t": "time since the start",
 }  # fmt: skip
 """Variable of a leftover → its name in words; of others their own."""
+
+
+_UNITS: Final = {
+    **dict.fromkeys("xyz", "m"), **dict.fromkeys(("vx", "vy", "vz", *"uvw"), "m/s"),
+    **dict.fromkeys("pqr", "rad/s"), "yaw": "rad", "thrust": "N", "t": "s", "voltage": "V",
+}  # fmt: skip
+
+
+def variable_label(variable: str) -> str:
+    """Return the label of an axis: the variable with its unit."""
+    return f"{variable_name(variable)} [{_UNITS[variable]}]"
 
 
 def variable_name(variable: str) -> str:
@@ -159,7 +170,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def next_steps(diagnosis: Diagnosis) -> list[str]:
-    """Return what to do about the verdict, beside the separating experiment."""
+    """Return the next steps after a verdict."""
     steps = {
         "named": [
             "Fly once more, at a speed or a height that these flights do not have, and diagnose "
@@ -194,7 +205,7 @@ def best_gains(diagnosis: Diagnosis, most: int = 3) -> list[Gain]:
     best_of: dict[str, Gain] = {}
 
     def certain(gain: Gain) -> tuple[bool, float]:
-        """Return the lower end of the reduction; those that have one come first."""
+        """Return the lower end of the reduction; gains with an interval come first."""
         best = gain.low if math.isfinite(gain.low) else gain.reduction
         return math.isfinite(gain.low), best if math.isfinite(best) else -math.inf
 

@@ -29,7 +29,7 @@ _ORDER_DECAY = 0.88
 """Each higher order of a curve is this much smaller."""
 _RUN_ORDER = 1
 """Of a run's own curve: what differs from run to run is a level or a share."""
-_FEWEST = 4
+_MIN_SPEEDS = 4
 """Different speeds that a curve needs."""
 _PRIOR_WIDTHS = (0.003, 0.01, 0.03, 0.1)
 """Of a curve, in shares of the channel's range."""
@@ -48,7 +48,7 @@ class ResidualCurves:
 
 
 def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) -> ResidualCurves:
-    """Return what free curves would still explain beside a fit; `by_run`: also levels of runs."""
+    """Return the evidence of free curves added to a fit; `by_run`: also levels of runs."""
     blocks = _blocks(problem, by_run and problem.repeated)
     if not blocks:
         return ResidualCurves(-math.inf, "", 0.0)
@@ -103,7 +103,7 @@ def _blocks(problem: StandProblem, by_run: bool) -> list[tuple[Array, NDArray[np
     n = setup.speed.size
     x = 2.0 * setup.speed / max(float(setup.speed.max()), 1e-9) - 1.0
     different = np.unique(np.round(50.0 * x)).size
-    if different < _FEWEST:
+    if different < _MIN_SPEEDS:
         return []  # a curve over speed needs speeds
     order = min(_ORDER, different - 2)
     legendre = np.zeros((n, _ORDER + 1))
@@ -175,7 +175,7 @@ def analyse(
     """Diagnose operating points.
 
     Args:
-        points: what was measured.
+        points: the measurements.
         absorbed: effects that the nominal model's own fit to these points has absorbed.
         base: parameters of the nominal model that are not at their null value.
 

@@ -26,15 +26,17 @@ from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
 from tombo_flight.extended_model import FittedParameter, Gain
 
 
-def fitted(problem: StandProblem, explanation: Explanation, effect: str) -> ParameterEstimate:
+def estimated_parameters(
+    problem: StandProblem, explanation: Explanation, effect: str
+) -> ParameterEstimate:
     """Return an effect's parameters with 95 % intervals, and their covariance."""
     hypothesis = next(h for h in explanation.hypotheses if h.effect == effect)
     if hypothesis.width is not None:
-        return _widths(problem, effect, hypothesis.width, explanation), ()
+        return _stochastic_parameters(problem, effect, hypothesis.width, explanation), ()
     return fitted_parameters(problem, explanation, effect)
 
 
-def _widths(
+def _stochastic_parameters(
     problem: StandProblem, effect: str, width: float, explanation: Explanation
 ) -> tuple[FittedParameter, ...]:
     """Return the widths of a stochastic effect; the interval is what so few draws leave open."""
@@ -59,7 +61,7 @@ def _widths(
 def estimate_cause(effect: str, findings: StandAnalysis) -> Cause:
     """Return a cause with its parameters, from the most probable explanation that has it."""
     explanation = findings.search.explaining(effect)
-    theta, covariance = fitted(findings.problem, explanation, effect)
+    theta, covariance = estimated_parameters(findings.problem, explanation, effect)
     confidence = findings.judgement.each.get(effect, 0.0)
     return Cause(effect, theta, confidence, STAND_EFFECTS[effect].signature, covariance)
 

@@ -20,7 +20,7 @@ from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
 from tombo_flight.progress import ProgressCallback
 
 ABSORBED_EFFECTS = ("thrust_coefficient", "drag_coefficient")
-"""What the fit of k_T and k_Q absorbs."""
+"""The fit of k_T and k_Q absorbs them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ def diagnose_stand(
         conf: configuration of tables that do not say theirs.
         law: of the Tombo propellers.
         plain: hold them against T = k omega^2.
-        on_progress: told the progress.
+        on_progress: called with the progress.
         clock: of run time [s].
         given: model of earlier runs.
 

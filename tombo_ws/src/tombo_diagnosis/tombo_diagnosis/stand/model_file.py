@@ -1,4 +1,4 @@
-"""`stand_model.yaml`: what a stand diagnosis adds to the propeller model, and differences."""
+"""`stand_model.yaml`: the effects that a stand diagnosis adds to the propeller model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tombo_flight.json_text import plain
 
 def differences_from_model(causes: Sequence[Cause]) -> list[str]:
     """Return, of each cause that the model has a value of, how these runs depart from it."""
-    return [_told(c, f) for c in causes for f in _given(c)[:1]]
+    return [_difference_text(c, f) for c in causes for f in _known_to_model(c)[:1]]
 
 
 def model_extending_causes(causes: Sequence[Cause]) -> list[Cause]:
@@ -29,7 +29,7 @@ def model_extending_causes(causes: Sequence[Cause]) -> list[Cause]:
     return [c for c in causes if not STAND_EFFECTS[c.effect].stochastic and not _absent(c)]
 
 
-def _given(cause: Cause) -> list[FittedParameter]:
+def _known_to_model(cause: Cause) -> list[FittedParameter]:
     """Return the parameters of which the model has a value of its own."""
     effect = STAND_EFFECTS[cause.effect]
     if effect.stochastic:
@@ -41,11 +41,11 @@ def _given(cause: Cause) -> list[FittedParameter]:
 def _absent(cause: Cause) -> bool:
     """Return whether the model has it and these runs have not."""
     nulls = {p.name: p.null for p in STAND_EFFECTS[cause.effect].theta}
-    parameters = _given(cause)
+    parameters = _known_to_model(cause)
     return bool(parameters) and all(f.low <= nulls[f.name] <= f.high for f in cause.theta)
 
 
-def _told(cause: Cause, f: FittedParameter) -> str:
+def _difference_text(cause: Cause, f: FittedParameter) -> str:
     name, unit = display_name(cause.effect), "" if f.unit == "1" else f" {f.unit}"
     here = f"{f.value:.2g} ± {0.5 * (f.high - f.low):.1g}{unit}"
     if _absent(cause):
@@ -62,7 +62,7 @@ _HEAD = (
 
 @dataclass(frozen=True)
 class StandModel:
-    """What a `stand_model.yaml` adds to the propeller model."""
+    """The effects that a `stand_model.yaml` adds to the propeller model."""
 
     theta: Mapping[str, tuple[float, ...]]
     """Effect -> its parameters."""
@@ -82,8 +82,8 @@ def stand_model_text(
 ) -> str:
     """Return the text of `stand_model.yaml`.
 
-    `given` is the model that the runs were compared with. What it adds stays; an effect that was
-    found again gets the new parameters.
+    `given` is the model that the runs were compared with. Its effects stay; an effect
+    that was found again gets the new parameters.
     """
     new = {cause.effect for cause in diagnosis.causes}
     unchanged = {} if given is None else {e: c for e, c in given.written.items() if e not in new}
@@ -121,7 +121,7 @@ def _fields(record: FittedParameter | Gain, *names: str) -> dict[str, Any]:
 
 
 def read_stand_model(path: Path) -> StandModel:
-    """Return what a file adds to the model.
+    """Return the effects that a file adds to the model.
 
     Raises:
         InputError: it can't be read, is no such model, or holds unknown effects or values out of

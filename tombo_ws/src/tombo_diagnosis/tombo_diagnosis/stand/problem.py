@@ -21,7 +21,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, predict
 
-_OWN_THRUST, _OWN_TORQUE = 3.0, 0.12
+_REFERENCE_THRUST_N, _REFERENCE_TORQUE_N_M = 3.0, 0.12
 """N and N m: the largest loads of the stand that the registry's typical sizes are for."""
 
 
@@ -30,8 +30,8 @@ def parameters(setup: Setup) -> tuple[FreeParameter, ...]:
     model = "plain" if setup.plain else "tombo"
     scales_with = {
         "": 1.0,
-        "thrust": setup.largest_thrust / _OWN_THRUST,
-        "torque": setup.largest_torque / _OWN_TORQUE,
+        "thrust": setup.largest_thrust / _REFERENCE_THRUST_N,
+        "torque": setup.largest_torque / _REFERENCE_TORQUE_N_M,
     }
     every: list[FreeParameter] = []
     for name, effect in STAND_EFFECTS.items():
@@ -47,12 +47,12 @@ def parameters(setup: Setup) -> tuple[FreeParameter, ...]:
     return tuple(every)
 
 
-_STEP = 0.02
+_DERIVATIVE_STEP_SHARE = 0.02
 """Of a numerical derivative, in sizes that matter."""
-_STEPS = 10
-_WORSE = 0.05
+_MAX_FIT_STEPS = 10
+_MAX_EVIDENCE_LOSS = 0.05
 """Of log evidence: a step that loses more has gone too far."""
-_CLOSE = 0.02
+_CONVERGED_STEP_SHARE = 0.02
 """A fit ends when no free parameter moves by more than this share of its size that matters."""
 SPEED, PROPELLER, RUN = "speed_noise", "fabrication_scatter", "tare_scatter"
 SHARE = "run_scatter"
@@ -64,7 +64,7 @@ _MIN_GROUPS = 3
 _NOISE_EFFECT_PENALTY = 3.0
 """Log Bayes factor that a stochastic effect has to bring besides: how noisy a reading is, a stand
 knows to some 15 % only, and its tails are heavy."""
-_FEW_SPEEDS, _FEW_SHARE = 4, 0.3
+_MIN_SPEEDS_TO_SEPARATE, _FEW_SPEEDS_ERROR_SHARE = 4, 0.3
 """With fewer speeds than this only the priors' widths distinguish causes, and they must not: what
 comes within this share of the best one's evidence is in the set."""
 _CALIBRATION_NAMED = ((0.0, 0.5), (0.8, 0.6), (0.9, 0.7), (0.97, 0.92), (0.99, 0.975))
@@ -74,7 +74,7 @@ CALIBRATION = {
     "set": _CALIBRATION_NAMED,
     "unknown": ((0.0, 0.45), (0.5, 0.6), (0.9, 0.9), (0.99, 0.99)),
 }
-"""Found on synthetic cases of other seeds than those that are reported."""
+"""Found on synthetic cases of other seeds than the reported ones."""
 
 
 class StandProblem:
@@ -130,7 +130,9 @@ class StandProblem:
         )
         self.setting = Setting(
             max_fitted=99,
-            model_error_share=_FEW_SHARE if self._speeds() < _FEW_SPEEDS else 0.0,
+            model_error_share=_FEW_SPEEDS_ERROR_SHARE
+            if self._speeds() < _MIN_SPEEDS_TO_SEPARATE
+            else 0.0,
             calibration=CALIBRATION,
             always_fitted=tuple(n for n, e in STAND_EFFECTS.items() if e.saturates),
         )
@@ -212,7 +214,7 @@ class StandProblem:
         return NormalEquations(flat.T @ flat, flat.T @ rows, float(rows @ rows)), half
 
     def fit(self, free: Sequence[int], widths: Mapping[str, float], start: Fit) -> Fit:
-        """Fit as `Model.fit` says, within bounds; for what is not free the slopes of `start`."""
+        """Fit as `Model.fit` says, within bounds; other parameters have the slopes of `start`."""
         return self._fit(free, widths, start.theta, start.tangent)
 
     def _fit(
@@ -221,7 +223,7 @@ class StandProblem:
         moving = (*free, *self.columns.absorbed)
         deviations = self.columns.deviations(free, widths)
         best: tuple[float, Fit] | None = None
-        for _ in range(_STEPS if moving else 1):
+        for _ in range(_MAX_FIT_STEPS if moving else 1):
             slopes = slopes.copy()
             for k in moving:
                 slopes[:, :, k] = self.slope(theta, k)
@@ -234,7 +236,7 @@ class StandProblem:
             if not moving:
                 return fit
             inside = evidence - self.columns.bounds_penalty(theta, moving, solution)
-            if best is not None and inside < best[0] - _WORSE:
+            if best is not None and inside < best[0] - _MAX_EVIDENCE_LOSS:
                 # Too far, where the model bends: halfway back, and try again from there.
                 if float(np.abs(theta - best[1].theta)[list(moving)].max()) == 0.0:
                     break
@@ -245,7 +247,7 @@ class StandProblem:
             scales = np.array([self.columns.parameters[k].scale for k in moving])
             change = np.abs(moved - theta)[list(moving)] / scales
             theta = moved
-            if float(change.max()) < _CLOSE:
+            if float(change.max()) < _CONVERGED_STEP_SHARE:
                 break
         assert best is not None
         return best[1]
@@ -283,7 +285,7 @@ class StandProblem:
         return self._moved(fit.theta, (*fit.free, *self.columns.absorbed), fit.solution.mean)
 
     def unexplained(self, fit: Fit) -> Array:
-        """Return what a fit leaves (N, 4), its random draws removed."""
+        """Return the residual of a fit (N, 4), its random draws removed."""
         wide = [fit.widths.get(effect, 1.0) > 1.0 for effect in self.columns.draws]
         drawn = self.drawn @ np.where(wide, fit.solution.mean[len(self.columns.indices) :], 0.0)
         return np.where(self.seen, self.residual(self.final(fit)) - drawn, 0.0)
@@ -297,7 +299,7 @@ class StandProblem:
     def slope(self, theta: Array, k: int) -> Array:
         """Return the derivative of the readings (N, 4) over a parameter."""
         p = self.columns.parameters[k]
-        step = _STEP * p.scale
+        step = _DERIVATIVE_STEP_SHARE * p.scale
         up, down = theta.copy(), theta.copy()
         up[k] = min(theta[k] + step, p.high)
         down[k] = max(theta[k] - step, p.low)

@@ -1,4 +1,4 @@
-"""A stand diagnosis in words: the verdict with its figures, and what can't be certified."""
+"""A stand diagnosis in words: the verdict with its figures, and its limits."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def notes(
     gains: Sequence[Gain],
     constant: ThrustConstant | None = None,
 ) -> tuple[str, ...]:
-    """Return what can't be certified and why."""
+    """Return the limits of the diagnosis, and why."""
     problem, points = findings.problem, findings.problem.points
     lines: list[str] = []
     if constant is not None:
@@ -134,11 +134,11 @@ def repeats(problem: StandProblem) -> list[str]:
                     left = np.where(rows, problem.left[:, c], 0.0) / problem.sigma[:, c]
                     shares[points.runs[int(r)]] = float(m @ left) / square, square**-0.5
             if len(shares) > 1:
-                lines.append(_told(name, channel, shares))
+                lines.append(_repeat_text(name, channel, shares))
     return lines
 
 
-def _told(propeller: str, channel: str, shares: dict[str, tuple[float, float]]) -> str:
+def _repeat_text(propeller: str, channel: str, shares: dict[str, tuple[float, float]]) -> str:
     high = max(shares, key=lambda r: shares[r][0])
     low = min(shares, key=lambda r: shares[r][0])
     gap = shares[high][0] - shares[low][0]

@@ -111,7 +111,7 @@ class Picture:
     name: str = ""
     """Shown in bold before the caption."""
     style: str = "picture"
-    """picture: as wide as the page; narrow; small: one of many."""
+    """picture: as wide as the page; narrow."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class Group:
 
     items: Sequence[Item]
     style: str
-    """Class of the style sheet; figures, smalls: pictures side by side."""
+    """Class of the style sheet; figures: pictures side by side."""
 
 
 Item = Table | Text | Picture | Markup | Folded | Group

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from tombo_bag.flight import Finding
@@ -26,13 +27,13 @@ from tombo_dynamics.propeller import (
 from tombo_dynamics.propeller.effects import Setup, predict
 from tombo_dynamics.vehicle import GRAVITY
 
-_FEWEST = 3
+_MIN_POINTS = 3
 """Points that are worth a diagnosis."""
 
 
 @dataclass(frozen=True, eq=False)
 class StandData:
-    """What is diagnosed."""
+    """The points to diagnose, with their runs and findings."""
 
     points: OperatingPoints
     runs: tuple[Plateaus, ...]
@@ -49,8 +50,8 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         plain: hold them against T = k omega^2 instead, whatever the mapping says.
 
     Raises:
-        InputError: unknown configuration or law, models that do not go together, a run given
-            twice, an implausible scale, or fewer than three points where the law is valid.
+        InputError: unknown configuration or law, runs of two models, a run given twice, an
+            implausible scale, or fewer than three points where the law is valid.
     """
     plains = {plain or t.mapping.model == "plain" for t in tables}
     if len(plains) > 1:
@@ -58,70 +59,71 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
     plain = plains.pop()
     _refuse_twice(tables)
     parts = [plateaus(t) for t in tables]
+    described = [_described(t, p, conf, plain) for t, p in zip(tables, parts, strict=True)]
     findings = [f for t in tables for f in t.findings] + [f for p in parts for f in p.findings]
-    runs: list[str] = []
-    propellers: list[str] = []
-    rows: list[Array] = []
-    moduli: dict[str, float] = {}
-    prop: list[Array] = []
-    run: list[Array] = []
-    loads: dict[str, list[Array]] = {"applied_thrust": [], "applied_torque": []}
-    for table, part in zip(tables, parts, strict=True):
-        n = part.speed.size
-        first = part.first_row.astype(int)
-        own_run = table.channels.get("run")
-        own_conf = table.channels.get("conf")
-        own_prop = table.channels.get("propeller")
-        numbers = np.full(n, conf) if own_conf is None else _whole_numbers(own_conf[first], table)
-        names = [
-            table.name if own_run is None else f"{table.name}, run {own_run[k]:g}" for k in first
-        ]
-        if own_conf is not None and own_run is None:
-            names = [f"{table.name}, Conf. {c}" for c in numbers]
-        wings = [
-            (f"Conf. {c}" if not plain else table.name)
-            + ("" if own_prop is None else f", {own_prop[k]:g}")
-            for c, k in zip(numbers, first, strict=True)
-        ]
-        runs += [x for x in dict.fromkeys(names) if x not in runs]
-        propellers += [x for x in dict.fromkeys(wings) if x not in propellers]
-        run.append(np.array([runs.index(x) for x in names]))
-        prop.append(np.array([propellers.index(x) for x in wings]))
-        for name, load in loads.items():
-            load.append(np.nan_to_num(table.channels.get(name, np.zeros(table.rows))[first]))
-        if own_conf is not None and not plain:
-            _check_configurations(numbers, table)
-        for c, wing in zip(numbers, wings, strict=True):
-            moduli.setdefault(wing, math.nan if plain else stiffness(configuration(int(c))))
-        if not plain:
-            rows.append(np.stack([parameter_row(configuration(int(c)), law) for c in numbers]))
-            findings += _above_valid_speed(table.name, part.speed, numbers, law)
-    speed = np.concatenate([p.speed for p in parts])
+    every = pd.concat(described, ignore_index=True)
     readings = np.concatenate([p.readings for p in parts])
+    run, runs = pd.factorize(every.run)
+    propeller, propellers = pd.factorize(every.propeller)
+    speed = every.speed.to_numpy()
     if plain:
         readings[:, 2] = np.nan
-    number = np.concatenate(prop).astype(np.int64)
+        rows = _constants(speed, readings, propeller)
+        moduli = np.full(len(propellers), np.nan)
+    else:
+        known = {c: configuration(c) for c in every.conf.unique().tolist()}
+        rows = np.stack([parameter_row(known[c], law) for c in every.conf])
+        moduli = (
+            every.drop_duplicates("propeller").conf.map(lambda c: stiffness(known[c])).to_numpy()
+        )
+        for table, each in zip(tables, described, strict=True):
+            findings += _above_valid_speed(table.name, each, law)
     setup = Setup(
         speed=speed,
-        rows=np.concatenate(rows) if rows else _constants(speed, readings, number),
-        propeller=number,
-        run=np.concatenate(run).astype(np.int64),
-        elapsed=np.concatenate([p.elapsed for p in parts]),
+        rows=rows,
+        propeller=propeller.astype(np.int64),
+        run=run.astype(np.int64),
+        elapsed=every.elapsed.to_numpy(),
         law=law,
         plain=plain,
-        applied_thrust=np.concatenate(loads["applied_thrust"]),
-        applied_torque=np.concatenate(loads["applied_torque"]),
+        applied_thrust=every.applied_thrust.to_numpy(),
+        applied_torque=every.applied_torque.to_numpy(),
         largest_thrust=_largest(readings[:, 0], 1.0),
         largest_torque=_largest(readings[:, 1], 0.03),
     )
     points = OperatingPoints(
         setup, readings, np.concatenate([p.sigma for p in parts]), tuple(runs), tuple(propellers),
-        np.array([moduli[p] for p in propellers]),
+        moduli,
     )  # fmt: skip
     if not plain:
         check_scale(points, tables, [p.speed.size for p in parts])
         _check_enough(points, tables)
     return StandData(points, tuple(parts), tuple(findings))
+
+
+def _described(table: StandTable, part: Plateaus, conf: int, plain: bool) -> pd.DataFrame:
+    """Return speed, time, configuration, names and known loads of each point of a table.
+
+    Raises:
+        InputError: a configuration is not a whole number, or not known.
+    """
+    recorded = pd.DataFrame(dict(table.channels)).iloc[part.first_row.astype(int)]
+    recorded = recorded.reset_index(drop=True)
+    points = pd.DataFrame({"speed": part.speed, "elapsed": part.elapsed, "conf": conf})
+    if "conf" in recorded:
+        points["conf"] = _configurations(recorded.conf.to_numpy(), table, plain)
+    by_conf = points.conf.map("Conf. {}".format)
+    points["run"] = table.name
+    if "run" in recorded:
+        points["run"] += recorded.run.map(", run {:g}".format)
+    elif "conf" in recorded:
+        points["run"] += ", " + by_conf
+    points["propeller"] = table.name if plain else by_conf
+    if "propeller" in recorded:
+        points["propeller"] += recorded.propeller.map(", {:g}".format)
+    for load in ("applied_thrust", "applied_torque"):
+        points[load] = recorded[load].fillna(0.0) if load in recorded else 0.0
+    return points
 
 
 def _refuse_twice(tables: Sequence[StandTable]) -> None:
@@ -145,35 +147,33 @@ def _check_enough(points: OperatingPoints, tables: Sequence[StandTable]) -> None
     """
     valid = np.isfinite(points.readings) & np.isfinite(predict(points.setup, {}))
     left = int(valid.any(axis=1).sum())
-    if left < _FEWEST:
+    if left < _MIN_POINTS:
         speed = points.setup.speed / RPM
         span = f"{speed.min():.0f} to {speed.max():.0f} rpm"
         names = ", ".join(t.name for t in tables[:3])
         raise InputError(
-            f"{names}: {left} of {points.count} points ({span}) lie where "
-            f"law {points.setup.law} is valid; accepted: {_FEWEST} or more: is the speed's unit "
-            "right?"
+            f"{names}: {left} of {points.count} points ({span}) lie where law "
+            f"{points.setup.law} is valid; accepted: {_MIN_POINTS} or more: is the speed's "
+            "unit right?"
         )
 
 
-def _whole_numbers(values: Array, table: StandTable) -> NDArray[np.int64]:
+def _configurations(values: Array, table: StandTable, plain: bool) -> NDArray[np.int64]:
+    """Return a table's column of configurations, checked; of plain propellers whole numbers."""
+    column = table.mapping.channels["conf"].columns[0]
     wrong = values[~np.isfinite(values) | (values != np.round(values))]
     if wrong.size:
-        column = table.mapping.channels["conf"].columns[0]
         raise InputError(
             f"{table.source}: column '{column}' has {wrong[0]:g}; accepted: whole numbers, a "
             "configuration each"
         )
-    return values.astype(np.int64)
-
-
-def _check_configurations(numbers: NDArray[np.int64], table: StandTable) -> None:
-    for c in np.unique(numbers):
+    numbers = values.astype(np.int64)
+    for c in np.unique(numbers) if not plain else ():
         try:
             configuration(int(c))
         except InputError as error:
-            column = table.mapping.channels["conf"].columns[0]
             raise InputError(f"{table.source}: column '{column}': {error}") from error
+    return numbers
 
 
 def stiffness(conf: Configuration) -> float:
@@ -204,13 +204,11 @@ def _constants(speed: Array, readings: Array, number: NDArray[np.int64]) -> Arra
     return rows
 
 
-def _above_valid_speed(
-    name: str, speed: Array, numbers: NDArray[np.int64], law: str
-) -> list[Finding]:
+def _above_valid_speed(name: str, points: pd.DataFrame, law: str) -> list[Finding]:
     findings = []
-    for c in np.unique(numbers):
+    for c, speed in points.groupby("conf").speed:
         limit = valid_speed(configuration(int(c)), law)
-        over = int(np.count_nonzero(speed[numbers == c] > limit))
+        over = int((speed > limit).sum())
         if over:
             text = (
                 f"{over} points of Conf. {c} above {limit / RPM:.0f} rpm, where law {law} ends: "
@@ -220,10 +218,10 @@ def _above_valid_speed(
     return findings
 
 
-_RATIO = 3.0
+_MAX_THRUST_RATIO = 3.0
 """Times the model's thrust, or its inverse, that no propeller of the paper shows."""
-_NEAR = 1.6
-_TIMES = {
+_MAX_SLIP_RATIO = 1.6
+_UNIT_SLIPS = {
     "grams read as newtons": 1e3 / GRAVITY,
     "rad/s read as rpm": RPM**-2,
     "rpm read as rad/s": RPM**2,
@@ -255,18 +253,22 @@ def check_scale(
         if not fast.any():
             continue
         times = float(np.median(y[fast] / model[low:high][fast]))
-        if any(1.0 / _RATIO < t < _RATIO for t in (times, _rise(y, model[low:high], times))):
+        if any(
+            1.0 / _MAX_THRUST_RATIO < t < _MAX_THRUST_RATIO
+            for t in (times, _rise(y, model[low:high], times))
+        ):
             continue
         slips = [
             name
-            for name, size in _TIMES.items()
-            if times > 0.0 and abs(math.log(times / size)) < math.log(_NEAR)
+            for name, size in _UNIT_SLIPS.items()
+            if times > 0.0 and abs(math.log(times / size)) < math.log(_MAX_SLIP_RATIO)
         ]
         guess = f"as with {' or '.join(slips)}" if slips else "another propeller? (--plain)"
         where = table.mapping.channels["thrust"]
         raise InputError(
             f"{table.source}: column '{where.columns[0]}' as {where.unit} is {times:.3g} times "
-            f"the model's thrust, {guess}; accepted: {1.0 / _RATIO:.2g} to {_RATIO:g} times"
+            f"the model's thrust, {guess}; accepted: {1.0 / _MAX_THRUST_RATIO:.2g} to "
+            f"{_MAX_THRUST_RATIO:g} times"
         )
 
 

@@ -39,11 +39,11 @@ class OperatingPoints:
 
     @property
     def measured(self) -> tuple[int, ...]:
-        """Places in CHANNELS of what was measured at all."""
+        """Places in CHANNELS of the channels with a reading."""
         return tuple(c for c in range(len(CHANNELS)) if np.isfinite(self.readings[:, c]).any())
 
     def blocks(self) -> list[Mask]:
-        """Return what is held out in turn: configurations, else runs, else fifths of speed."""
+        """Return the blocks held out in turn: configurations, else runs, else fifths of speed."""
         setup = self.setup
         if len(self.propellers) > 2:
             return [setup.propeller == k for k in range(len(self.propellers))]

@@ -16,12 +16,12 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import RPM
 
 LOADS = ("thrust", "torque", "beta", "reference_speed")
-_MOST_LAG = 0.05
+_MAX_LAG_SHARE = 0.05
 """Of a recording's rows."""
-_FEWEST = 5
+_MIN_PLATEAU_ROWS = 5
 """Rows of a plateau."""
-_OUTLIER = 6.0
-_PAR = 0.01
+_MIN_OUTLIER_SIGMAS = 6.0
+_DEFAULT_NOISE_SHARE = 0.01
 """Noise in shares of a channel's range where too few points are there to find it."""
 
 
@@ -77,8 +77,8 @@ def plateaus(table: StandTable) -> Plateaus:
         findings.append(Finding("rows", "info", table.name, text))
     if not parts:
         raise InputError(
-            f"'{table.source}': no {_FEWEST} rows at one command or speed, of {speed.size}; "
-            "accepted: plateaus, or a slow ramp"
+            f"'{table.source}': no {_MIN_PLATEAU_ROWS} rows at one command or speed, of "
+            f"{speed.size}; accepted: plateaus, or a slow ramp"
         )
     at, readings, sigma, first = _averages(channels, speed, parts)
     keep, outliers = _outliers(at, readings, table.name)
@@ -102,7 +102,7 @@ def _lag(channels: dict[str, Array], speed: Array) -> int:
         return 0
     known = np.isfinite(load)
     load = np.interp(np.arange(load.size), np.flatnonzero(known), load[known])
-    most = int(_MOST_LAG * speed.size)
+    most = int(_MAX_LAG_SHARE * speed.size)
     left = []
     for lag in range(most + 1):
         square = speed[: speed.size - most] ** 2
@@ -135,7 +135,7 @@ def _stretches(table: StandTable, speed: Array) -> list[slice]:
     taken = 0
     for a, b in pairwise([0, *edges.tolist(), speed.size]):
         settle = (b - a) // 2 if b - a > 20 else (b - a) // 4
-        if b - a - settle >= _FEWEST:
+        if b - a - settle >= _MIN_PLATEAU_ROWS:
             parts += _pieces(taken, a, size) if ramps else []
             parts.append(slice(a + settle, b))
             taken = b
@@ -165,7 +165,7 @@ def _averages(
     return at, readings, sigma, np.array([float(p.start) for p in parts])
 
 
-def _between(x: Array, y: Array) -> Array:
+def _off_neighbours(x: Array, y: Array) -> Array:
     """Return how far each point lies off the line through its neighbours in time; ends are 0."""
     off = np.zeros(y.size)
     if y.size > 2:
@@ -199,9 +199,9 @@ def _outliers(speed: Array, readings: Array, name: str) -> tuple[NDArray[np.bool
         known = np.flatnonzero(np.isfinite(y))
         if known.size < 12:
             continue
-        off = np.abs(_between(speed[known] ** 2, y[known]))
+        off = np.abs(_off_neighbours(speed[known] ** 2, y[known]))
         usual = 1.4826 * float(np.median(off[1:-1]))
-        far = off > max(_OUTLIER * usual, 0.02 * float(np.abs(y[known]).max()))
+        far = off > max(_MIN_OUTLIER_SIGMAS * usual, 0.02 * float(np.abs(y[known]).max()))
         ratio = y[known] / np.maximum(speed[known], 1e-9) ** 2
         peak = _peaks(off, np.abs(ratio - np.median(ratio)), far)
         if peak.any() and peak.sum() <= 0.05 * known.size + 1:
@@ -226,9 +226,9 @@ def _with_noise(
         if stated is not None and not raw and stated.size == y.size and np.all(stated > 0.0):
             out[:, c] = stated
             continue
-        usual = _PAR * largest
+        usual = _DEFAULT_NOISE_SHARE * largest
         if known.sum() >= 8:
-            off = _between(speed[known] ** 2, y[known])
+            off = _off_neighbours(speed[known] ** 2, y[known])
             off = np.abs(off[off != 0.0])
             if off.size >= 5:
                 usual = max(1.4826 * float(np.median(off)) / math.sqrt(1.5), 1e-4 * largest)
@@ -236,17 +236,17 @@ def _with_noise(
     return np.maximum(out, 1e-12)
 
 
-_FEWEST_POINTS = 20
-_SIDE = 5
+_MIN_STEP_POINTS = 20
+_MIN_POINTS_EACH_SIDE = 5
 """Points on either side, at speeds that the other side has as well."""
-_LEAST = 0.025
+_MIN_STEP_SHARE = 0.025
 """Share of thrust."""
-_MIN_SIGMAS = 6.5
+_MIN_STEP_SIGMAS = 6.5
 """Standard deviations, the best of all places."""
-_EXPLAINS = 0.4
+_MAX_SQUARES_LEFT_SHARE = 0.4
 """Share of the squares that may be left: a smooth drift is followed by no single step."""
-_INDEPENDENT = 0.2
-"""Share of the step (root of its squares) that curve, drift and direction can't stand in for."""
+_MIN_INDEPENDENT_SHARE = 0.2
+"""Share of the step (root of its squares) that curve, drift and direction can't explain."""
 
 
 @dataclass(frozen=True)
@@ -266,7 +266,7 @@ def find_step(speed: Array, load: Array, elapsed: Array) -> Step | None:
     `elapsed`, time or rows.
     """
     known = np.flatnonzero(np.isfinite(load) & (speed > 0.15 * float(speed.max(initial=0.0))))
-    if known.size < _FEWEST_POINTS:
+    if known.size < _MIN_STEP_POINTS:
         return None
     w = speed[known] / float(speed[known].max())
     y, t = load[known], elapsed[known]
@@ -279,13 +279,13 @@ def find_step(speed: Array, load: Array, elapsed: Array) -> Step | None:
     best, step_of_best = 0.0, None
     free = known.size - base.shape[1] - 1
     before = float(left @ left)
-    for at in range(_SIDE, known.size - _SIDE + 1):
+    for at in range(_MIN_POINTS_EACH_SIDE, known.size - _MIN_POINTS_EACH_SIDE + 1):
         if not _comparable(w, at):
             continue
         step = np.where(np.arange(known.size) >= at, w**2, 0.0)
         unexplained = step - q @ (q.T @ step)
         square = float(unexplained @ unexplained)
-        if square < _INDEPENDENT**2 * float(step @ step):
+        if square < _MIN_INDEPENDENT_SHARE**2 * float(step @ step):
             continue
         size = float(unexplained @ left) / square
         after = before - size**2 * square
@@ -293,13 +293,17 @@ def find_step(speed: Array, load: Array, elapsed: Array) -> Step | None:
         # As a share of the load at equal speed before it.
         first = float(np.sum(y[:at] * w[:at] ** 2) / np.sum(w[:at] ** 4))
         share = size / first if first > 0.0 else 0.0
-        if sure > max(best, _MIN_SIGMAS) and after < _EXPLAINS * before and abs(share) > _LEAST:
+        if (
+            sure > max(best, _MIN_STEP_SIGMAS)
+            and after < _MAX_SQUARES_LEFT_SHARE * before
+            and abs(share) > _MIN_STEP_SHARE
+        ):
             best, step_of_best = sure, Step(int(known[at]), share)
     return step_of_best
 
 
 def _without_step(w: Array, t: Array) -> Array:
-    """Return what may vary: a curve over speed, a smooth drift in time, the way up or down."""
+    """Return the regular variations: a curve over speed, a smooth drift, the way up or down."""
     u = w**2
     slope = np.gradient(np.convolve(np.pad(w, 1, mode="edge"), np.ones(3) / 3.0, "valid"))
     way = np.sign(np.where(np.abs(slope) > 0.2 * np.abs(slope).max(initial=0.0), slope, 0.0))
@@ -314,7 +318,7 @@ def _comparable(w: Array, at: int) -> bool:
     if high - low < 0.25 * float(np.ptp(w)):
         return False
     both = [int(np.count_nonzero((s >= low) & (s <= high))) for s in (first, second)]
-    return min(both) >= _SIDE
+    return min(both) >= _MIN_POINTS_EACH_SIDE
 
 
 def without_changed(

@@ -124,7 +124,7 @@ def parse_mapping(text: str, name: str) -> StandMapping:
     """Check the text of a mapping file.
 
     Raises:
-        InputError: not a mapping; says which key is wrong and what is accepted.
+        InputError: not a mapping; says which key is wrong, and the accepted values.
     """
     what = f"mapping '{name}'"
     values = table_of(parse_yaml(text, what), what, [f.name for f in fields(StandMapping)])
@@ -228,17 +228,17 @@ def _split(column: str) -> tuple[str, str]:
 
 
 _COEFFICIENTS = ("thrust_coefficient", "power_coefficient")
-_AIR_DENSITY = 1.225
+_AIR_DENSITY_KG_M3 = 1.225
 """kg/m^3, of the standard atmosphere: coefficients have the density of their day taken out."""
 _SIZE = re.compile(r"(?<![\d.])(\d{1,2}(?:\.\d+)?)x\d")
 """A propeller in a file's name, as 10x4.7: diameter and pitch in inches."""
-_INCH = 0.0254
+_INCH_M = 0.0254
 
 
 def _loads_of_coefficients(
     channels: dict[str, Array], diameter_mm: float, path: Path
 ) -> tuple[dict[str, Array], list[Finding]]:
-    """Return channels with the loads that coefficients of thrust and power stand for.
+    """Return channels with the loads of the coefficients of thrust and power.
 
     T = C_T rho n^2 D^4 and Q = C_P rho n^2 D^5 / (2 pi), with n in turns per second.
 
@@ -248,38 +248,38 @@ def _loads_of_coefficients(
     if not set(_COEFFICIENTS) & set(channels):
         return channels, []
     named = _SIZE.search(path.name)
-    d = 1e-3 * diameter_mm or (_INCH * float(named[1]) if named else 0.0)
+    d = 1e-3 * diameter_mm or (_INCH_M * float(named[1]) if named else 0.0)
     if not d:
         raise InputError(
             f"'{path}': coefficients C_T and C_P, and no diameter; accepted: diameter_mm in "
             "--mapping, or a name with diameter and pitch in inches, as apcsf_10x4.7.txt"
         )
     loads = dict(channels)
-    pressure = _AIR_DENSITY * (channels["speed"] / (2.0 * math.pi)) ** 2
+    pressure = _AIR_DENSITY_KG_M3 * (channels["speed"] / (2.0 * math.pi)) ** 2
     if (c_t := loads.pop("thrust_coefficient", None)) is not None:
         loads.setdefault("thrust", c_t * pressure * d**4)
     if (c_p := loads.pop("power_coefficient", None)) is not None:
         loads.setdefault("torque", c_p * pressure * d**5 / (2.0 * math.pi))
     text = (
         f"loads are of C_T and C_P, with a diameter of {1e3 * d:.4g} mm and air of "
-        f"{_AIR_DENSITY} kg/m3"
+        f"{_AIR_DENSITY_KG_M3} kg/m3"
     )
     return loads, [Finding("coefficients", "info", path.name.split(".")[0], text)]
 
 
-_STILL = 0.002
+_MAX_STANDSTILL_SHARE = 0.002
 """Share of the highest speed below which the rotor stands."""
-_RECORDING_ROWS = 60
+_MIN_RECORDING_ROWS = 60
 """A table with more rows than this whose speed hardly moves from row to row is a recording."""
-_RECORDING_STEP = 0.004
+_MAX_RECORDING_STEP_SHARE = 0.004
 """Share of the highest speed: the largest median step of a recording."""
-_TURNS = 0.1
+_MIN_TURNING_LOAD_SHARE = 0.1
 """Share of the loads' range over the load at standstill with which a rotor turns."""
-_DIFFERS = 0.02
+_MIN_LOAD_DIFFERENCE_SHARE = 0.02
 """The same of rows before the start, which stand alike."""
-_SOUND = 340.0
-_MACH = 0.95
-_SLOWEST = 20.0
+_SPEED_OF_SOUND_M_S = 340.0
+_MAX_TIP_MACH = 0.95
+_MIN_TOP_SPEED_RAD_S = 20.0
 """rad/s: a stand that never turns faster has its unit wrong."""
 _PER_ROTOR = ("thrust", "torque", "applied_thrust", "applied_torque", "thrust_sigma")
 
@@ -380,7 +380,7 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
 
 
 def _check_deviations(table: StandTable, path: Path) -> None:
-    """Refuse standard deviations that are no number, zero or negative."""
+    """Refuse standard deviations that are not positive numbers."""
     for key in ("thrust_sigma", "torque_sigma"):
         values = table.channels.get(key, np.ones(1))
         bad = np.flatnonzero(~(np.isfinite(values) & (values > 0.0)))
@@ -419,13 +419,13 @@ def _without_glitches(
 
 def stands(speed: Array) -> NDArray[np.bool_]:
     """Return where the rotor stands, of speeds (N,)."""
-    return np.asarray(speed <= _STILL * float(speed.max(initial=1.0)))
+    return np.asarray(speed <= _MAX_STANDSTILL_SHARE * float(speed.max(initial=1.0)))
 
 
 def is_recording(speed: Array) -> bool:
     """Return whether rows are samples of a recording, whose speed hardly moves between them."""
     steps = np.abs(np.diff(speed)) / max(float(speed.max()), 1e-9)
-    return speed.size > _RECORDING_ROWS and float(np.median(steps)) < _RECORDING_STEP
+    return speed.size > _MIN_RECORDING_ROWS and float(np.median(steps)) < _MAX_RECORDING_STEP_SHARE
 
 
 def _without_dropouts(
@@ -442,8 +442,8 @@ def _without_dropouts(
     k, zero = np.polyfit(speed[known] ** 2, y[known], 1)
     share = np.sign(k) * (y - zero) / max(float(np.ptp(y[known])), 1e-12)
     first = int(np.argmin(still))
-    lost = still & (share > _TURNS)
-    lost[:first] |= share[:first] > share[:first].min(initial=np.inf) + _DIFFERS
+    lost = still & (share > _MIN_TURNING_LOAD_SHARE)
+    lost[:first] |= share[:first] > share[:first].min(initial=np.inf) + _MIN_LOAD_DIFFERENCE_SHARE
     if not lost.any():
         return rows, []
     kept = rows.copy()
@@ -465,17 +465,17 @@ def _check_plausible(table: StandTable, path: Path) -> None:
         radius, most = 0.1111, SPEED_LIMIT
     else:
         radius = 0.5e-3 * table.mapping.diameter_mm
-        most = _MACH * _SOUND / radius if radius else 1.2e4
+        most = _MAX_TIP_MACH * _SPEED_OF_SOUND_M_S / radius if radius else 1.2e4
     if top > most:
-        mach = f", tip at Mach {top * radius / _SOUND:.1f}" if radius else ""
+        mach = f", tip at Mach {top * radius / _SPEED_OF_SOUND_M_S:.1f}" if radius else ""
         raise InputError(
             f"'{path}': column '{column}' reaches {top / RPM:.0f} rpm as {unit}{mach}; accepted: "
             f"up to {most / RPM:.0f} rpm: is the unit right (rpm, rad/s, Hz), or the pole count?"
         )
-    if top < _SLOWEST:
+    if top < _MIN_TOP_SPEED_RAD_S:
         raise InputError(
             f"'{path}': column '{column}' never passes {top / RPM:.0f} rpm as {unit}; accepted: "
-            f"above {_SLOWEST / RPM:.0f} rpm: is the unit right (rpm, rad/s, Hz)?"
+            f"above {_MIN_TOP_SPEED_RAD_S / RPM:.0f} rpm: is the unit right (rpm, rad/s, Hz)?"
         )
     for key in ("thrust", "torque"):
         if key in table.channels:
