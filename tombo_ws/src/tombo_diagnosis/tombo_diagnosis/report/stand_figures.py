@@ -103,11 +103,8 @@ def draw_stiffness(stand: StandDiagnosis) -> Figure:
     return figure
 
 
-_LAWS: Final = {
-    "published": style.ORANGE, "repaired": style.VERMILLION, "consistent": style.BLUE,
-}  # fmt: skip
 _EFFECT_STYLES: Final = {
-    "centrifugal_stiffening": (style.BLUE, "-"), "torsion_constant": (style.GREEN, "--"),
+    "centrifugal_stiffening": (style.ORANGE, "-"), "torsion_constant": (style.MUTED, "--"),
     "load_sharing": (style.PURPLE, "-."),
     "in_plane_term": (style.SKY, (0, (4, 1, 1, 1, 1, 1))),
 }  # fmt: skip
@@ -137,7 +134,7 @@ def _draw_measured(axis: Any, study: Table3) -> None:
     mean = float(y[soft].mean())
     axis.plot(x[soft], np.full(soft.sum(), mean), "--", color=style.INK, linewidth=1.0,
               label=f"mean of the soft ones: {mean:.2f} N")  # fmt: skip
-    for law, colour in _LAWS.items():
+    for law, colour in style.LAW_COLOURS.items():
         thrust = np.array(study.laws[law])[order]
         error = study.rms[law]
         axis.plot(x[soft], thrust[soft], "-", color=colour, linewidth=1.6,
@@ -163,8 +160,8 @@ def _draw_left_one_out(axis: Any, study: Table3) -> None:
     y = np.arange(len(shown))
     errors = 1e3 * np.array([p.rmse for p in shown])
     mean = next(1e3 * p.rmse for p in shown if p.what.startswith("mean"))
-    kinds = {"mean": style.INK, "law": style.VERMILLION}
-    colours = [kinds.get(p.what.split()[0], style.BLUE) for p in shown]
+    kinds = {"mean": style.INK, "law": style.LAW_COLOURS[study.law]}
+    colours = [kinds.get(p.what.split()[0], style.MUTED) for p in shown]
     axis.barh(y, errors, color=colours, height=0.68)
     axis.axvline(mean, color=style.INK, linestyle="--", linewidth=1.0)
     for k, e in zip(y, errors, strict=True):
@@ -185,9 +182,8 @@ def _draw_deciding_speeds(axis: Any, study: Table3) -> None:
     rpm = np.arange(800.0, 5001.0, 50.0, dtype=np.float64)
     curves = predicted_readings(study.fits, _SOFTEST, rpm, study.law)
     axis.axvspan(3200.0, 4500.0, color=style.FAINT, alpha=0.6, zorder=0, linewidth=0.0)
-    axis.plot(
-        rpm, curves[AS_IT_IS][:, 0], color=style.VERMILLION, label=f"law {study.law} as it is"
-    )
+    axis.plot(rpm, curves[AS_IT_IS][:, 0], color=style.LAW_COLOURS[study.law],
+              label=f"law {study.law} as it is")  # fmt: skip
     for effect, (colour, line) in _EFFECT_STYLES.items():
         axis.plot(rpm, curves[effect][:, 0], linestyle=line, color=colour, linewidth=1.7,
                   label=display_name(effect))  # fmt: skip
