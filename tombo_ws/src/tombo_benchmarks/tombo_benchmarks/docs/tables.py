@@ -24,7 +24,13 @@ from tombo_dynamics.effect_registry import HEALTHY_SPREAD
 from tombo_dynamics.effects import REGISTRY, Effect, Stage
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
-from tombo_propeller.reproduce.page import computed_text, headline, verdict_text
+from tombo_propeller.reproduce.page import (
+    KINDS,
+    checks_summary,
+    computed_text,
+    headline,
+    verdict_text,
+)
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
 from tombo_sim.wiring import CORES, OPERATOR
 
@@ -319,14 +325,14 @@ def _section(entry: Effect) -> str:
 
 
 def claims_markdown(r: Reproduction) -> str:
-    """Return the claims of docs/reproduction.md: a sentence, then a table for each group."""
-    parts = [f"{headline(r)}.\n"]
+    """Return the claims of docs/reproduction.md: both counts, then a table for each group."""
+    parts = [f"{headline(r)}. {checks_summary(r)}\n"]
     for group in GROUPS:
         rows = [
             [
                 cell.replace("|", "\\|")
                 for cell in (
-                    *(f"{c.claim} ({c.source})", c.paper, computed_text(c)),
+                    *(f"{c.claim} ({c.source})", KINDS[c.kind], c.paper, computed_text(c)),
                     *(f"**{verdict_text(c)}**", c.evidence),
                 )
             ]
@@ -334,7 +340,7 @@ def claims_markdown(r: Reproduction) -> str:
             if c.group == group
         ]
         if rows:
-            head = ("claim", "paper", "computed", "verdict", "evidence")
+            head = ("claim", "kind", "paper", "computed", "verdict", "evidence")
             parts.append(f"### {group}\n\n{table_markdown(head, rows)}")
     return "\n".join(parts)
 

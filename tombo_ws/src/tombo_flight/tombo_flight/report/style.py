@@ -27,6 +27,9 @@ ROTOR_COLOURS: Final = ("#4C6E91", "#8FA3B5", FRONT_LEFT, "#2B9E8F")
 UNSTABLE: Final = "#F4B183"
 RECOVERY: Final = "#9CC9E3"
 
+LAW_COLOURS: Final = {"published": VERMILLION, "repaired": BLUE, "consistent": GREEN}
+"""The laws of the propeller, in every picture."""
+
 PHASE_COLOURS: Final = {
     0: "#C9D1D8",  # idle
     1: "#8FB8DE",  # takeoff

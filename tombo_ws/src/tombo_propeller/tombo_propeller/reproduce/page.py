@@ -34,7 +34,7 @@ REPRODUCTION_FILES: Final = (JSON, PAGE, *FIGURES)
 _LABELS: Final = {HOLDS: "holds", FAILS: "fails", OPEN: "can’t be checked"}
 _MARKS: Final = {HOLDS: "✓", FAILS: "✗", OPEN: "?"}
 _STYLES: Final = {HOLDS: "good", FAILS: "bad", OPEN: "warn"}
-_KINDS: Final = {"printed": "printed number", "stated": "statement", "check": "our check"}
+KINDS: Final = {"printed": "printed number", "stated": "statement", "check": "our check"}
 _FOOTER: Final = (
     "A claim about numbers of the paper’s model is judged by law published, the authors’ program "
     "with its defects; beside it stand the laws with the defects mended. ✓ holds, ✗ fails, "
@@ -107,7 +107,7 @@ def _claim_row(claim: Claim, laws: list[str]) -> TableRow:
     return TableRow(
         [
             Cell(_LABELS[claim.verdict], _STYLES[claim.verdict], small=law, badge=True),
-            Cell(claim.claim, small=f"{_KINDS[claim.kind]} · {claim.source}"),
+            Cell(claim.claim, small=f"{KINDS[claim.kind]} · {claim.source}"),
             claim.paper,
             *computed,
             Cell(claim.evidence, small=compared),
@@ -185,12 +185,19 @@ def _plural(count: int, verb: str) -> str:
     return f"{count} {verb}{'s' if count == 1 else ''}"
 
 
-def _summary(r: Reproduction) -> str:
-    """Return how our own checks came out, and the range without measurements."""
+def checks_summary(r: Reproduction) -> str:
+    """Return how our own checks came out, in one sentence."""
     counts = r.counts(checks=True)
     return (
-        f"Of {sum(counts.values())} checks that its figures allow "
+        f"Of our own {sum(counts.values())} checks of its printed figures "
         f"{_plural(counts[HOLDS], 'hold')}, {_plural(counts[FAILS], 'fail')}, "
-        f"{counts[OPEN]} can’t be decided. Twist, torque and thrust above 3200 rpm were not "
+        f"{counts[OPEN]} can’t be decided."
+    )
+
+
+def _summary(r: Reproduction) -> str:
+    """Return how our own checks came out, and the range without measurements."""
+    return (
+        f"{checks_summary(r)} Twist, torque and thrust above 3200 rpm were not "
         "measured: there the laws differ."
     )

@@ -20,11 +20,6 @@ from tombo_propeller.reproduce.claims.claim import FAILS, HOLDS, OPEN
 from tombo_propeller.reproduce.computed_values import collapse
 from tombo_propeller.reproduce.reproduction import Reproduction
 
-_LAW_COLOURS: Final = {
-    "published": style.VERMILLION,
-    "repaired": style.BLUE,
-    "consistent": style.GREEN,
-}
 _LAW_MARKS: Final = {"published": "o", "repaired": "s", "consistent": "D"}
 _CONF_COLOURS: Final = {0: style.MUTED, 1: style.ORANGE, 2: style.PURPLE, 3: style.SKY}
 _MEASURED: Final = style.INK
@@ -122,7 +117,7 @@ def _table_3_ratio(axes: Axes, r: Reproduction) -> None:
     at = range(len(confs))
     for law, numbers in r.numbers.laws.items():
         axes.plot(at, [numbers.low[c].ratio for c in confs], _LAW_MARKS[law], ms=5,
-                  color=_LAW_COLOURS[law], label=law, zorder=4)  # fmt: skip
+                  color=style.LAW_COLOURS[law], label=law, zorder=4)  # fmt: skip
     axes.plot(at, [r.paper.table_3[c].ratio.value for c in confs], "o", ms=12, mfc="none",
               mew=1.5, color=_MEASURED, label="printed")  # fmt: skip
     axes.set(ylabel="lift over drag", ylim=(1.7, 2.2))
@@ -152,7 +147,7 @@ def _table_3_thrust(axes: Axes, r: Reproduction) -> None:
     shift = np.linspace(-0.16, 0.16, max(len(r.numbers.laws), 2))
     for dx, (law, numbers) in zip(shift, r.numbers.laws.items(), strict=False):
         axes.plot([x + dx for x in at], [numbers.low[c].thrust_N for c in confs], _LAW_MARKS[law],
-                  ms=5.5, color=_LAW_COLOURS[law], label=law, zorder=4)  # fmt: skip
+                  ms=5.5, color=style.LAW_COLOURS[law], label=law, zorder=4)  # fmt: skip
     axes.set(ylabel="thrust [N]", ylim=(0.3, 1.08))
     _configurations(axes, confs)
 
@@ -184,10 +179,10 @@ def _maxima(axes: Axes, r: Reproduction) -> None:
     axes.text(2600.0, 15.6, "measured", ha="center", va="top", size=8, color=style.MUTED)
     for name, law in r.numbers.laws.items():
         rpm, points = _curve(13, name, 0.0)
-        axes.plot(rpm, points.thrust_N, color=_LAW_COLOURS[name], label=name)
+        axes.plot(rpm, points.thrust_N, color=style.LAW_COLOURS[name], label=name)
         best = law.thrust[13]
         if best.inside:
-            axes.plot(best.speed_rpm, best.value, "o", color=_LAW_COLOURS[name], ms=6)
+            axes.plot(best.speed_rpm, best.value, "o", color=style.LAW_COLOURS[name], ms=6)
     axes.set(ylabel="thrust of Conf. 13 [N]", ylim=(0.0, 16.0))
     _over_speed(axes)
     axes.legend(loc="upper right")
@@ -211,8 +206,8 @@ def _universal(axes: Axes, law: str) -> None:
     """Draw thrust over G_N of all configurations under one law."""
     s, curves = collapse(law)
     for one in curves:
-        axes.plot(np.sqrt(s), 1e6 * one[0], ".", ms=3, color=_LAW_COLOURS[law])
-    axes.plot([], [], color=_LAW_COLOURS[law], label=law)
+        axes.plot(np.sqrt(s), 1e6 * one[0], ".", ms=3, color=style.LAW_COLOURS[law])
+    axes.plot([], [], color=style.LAW_COLOURS[law], label=law)
     axes.set(xlabel="ω / √G_N [rad/(s √Pa)]", ylabel="T / G_N [µN/Pa]")
 
 
