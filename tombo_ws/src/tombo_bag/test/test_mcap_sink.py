@@ -140,14 +140,6 @@ def test_statistics_and_summary_say_what_is_there(mixed):
     assert statistics.metadata_count == 1 == len(summary.metadata_indexes)
 
 
-def test_no_chunk_holds_more_than_a_second(mixed):
-    path, _ = mixed
-    with path.open("rb") as file:
-        chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
-    assert len(chunks) > 5
-    assert all(c.message_end_time - c.message_start_time <= SECOND_NS for c in chunks)
-
-
 def test_message_indexes_lead_to_the_messages(mixed):
     path, number = mixed
     content, found = path.read_bytes(), 0

@@ -168,21 +168,13 @@ def test_a_folder_without_metadata_is_read_whole_in_order_of_log_time(tmp_path):
     check_whole(tmp_path)
 
 
-def test_a_part_that_metadata_names_and_that_is_missing_is_said(tmp_path):
+@pytest.mark.parametrize("named", ["a_0.mcap.zstd", "as_it_was_called.mcap", "a_2.mcap"])
+def test_a_file_that_metadata_names_and_that_is_missing_is_said(tmp_path, named):
+    """It was unpacked, renamed or lost: the recordings that are there are read."""
     write_mcap(tmp_path / "a_0.mcap", slice(0, 20))
     write_mcap(tmp_path / "a_1.mcap", slice(20, None))
     (tmp_path / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information:\n  relative_file_paths: [bag/a_0.mcap, a_1.mcap, a_2.mcap]\n"
-    )
-    recording = check_whole(tmp_path, damage=1)
-    assert "a_2.mcap" in recording.damage[0] and "missing" in recording.damage[0]
-
-
-@pytest.mark.parametrize("named", ["a_0.mcap.zstd", "as_it_was_called.mcap"])
-def test_a_file_that_was_unpacked_or_renamed_is_read_and_it_is_said(tmp_path, named):
-    write_mcap(tmp_path / "a_0.mcap")
-    (tmp_path / "metadata.yaml").write_text(
-        f"rosbag2_bagfile_information:\n  relative_file_paths: [{named}]\n"
+        f"rosbag2_bagfile_information:\n  relative_file_paths: [bag/{named}, a_1.mcap]\n"
     )
     recording = check_whole(tmp_path, damage=1)
     assert f"{named}, which metadata.yaml names, is missing" in recording.damage[0]

@@ -75,21 +75,14 @@ def test_a_name_or_a_file_is_loaded(tmp_path):
 
 @pytest.mark.parametrize(
     ("unit", "wanted", "value"),
-    [("rpm", "rad/s", 0.104719755), ("krpm", "rad/s", 104.719755),
-     ("°/s", "rad/s", 0.0174532925), ("m/s²", "m/s^2", 1.0), ("G", "m/s^2", 9.80665),
-     ("mg", "m/s^2", 0.00980665), ("mV", "V", 1e-3), ("µs", "s", 1e-6), ("%", "1", 0.01)],
-)  # fmt: skip
-def test_units_in_their_usual_spellings(unit, wanted, value):
-    assert factor(unit, wanted, "it") == pytest.approx(value)
-
-
-@pytest.mark.parametrize(
-    ("unit", "wanted", "value"),
     [
+        ("rpm", "rad/s", 0.104719755), ("krpm", "rad/s", 104.719755),
+        ("°/s", "rad/s", 0.0174532925), ("m/s²", "m/s^2", 1.0), ("G", "m/s^2", 9.80665),
+        ("mg", "m/s^2", 0.00980665), ("mV", "V", 1e-3), ("µs", "s", 1e-6), ("%", "1", 0.01),
         ("ozf", "N", 0.0283495231 * 9.80665), ("lbf", "N", 0.45359237 * 9.80665),
         ("kg cm", "N m", 0.0980665), ("lbf in", "N m", 0.45359237 * 9.80665 * 0.0254),
-        ("ft", "m", 12 * 0.0254), ("krpm", "rad/s", 104.719755),
+        ("ft", "m", 12 * 0.0254),
     ],
 )  # fmt: skip
-def test_a_unit_is_worth_what_its_standard_says(unit, wanted, value):
-    assert factor(unit, wanted, "a column") == pytest.approx(value, rel=1e-3)
+def test_a_unit_is_worth_what_its_standard_says_in_any_usual_spelling(unit, wanted, value):
+    assert factor(unit, wanted, "a column") == pytest.approx(value, rel=1e-6)
