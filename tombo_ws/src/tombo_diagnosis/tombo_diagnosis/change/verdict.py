@@ -16,6 +16,7 @@ from tombo_diagnosis.change.signatures import (
     UNBALANCE,
     WEAK_PROPELLER,
 )
+from tombo_diagnosis.engine.verdict import succession
 from tombo_diagnosis.wording import counted, listed, percent, sized
 from tombo_dynamics.vehicle import ROTOR_NAMES
 
@@ -40,8 +41,6 @@ class ChangeVerdict:
     confidence: float
 
 
-_OTHERS = 2.0
-"""Sessions of other vehicles that count with those of the vehicle itself."""
 _ACCUSED_OF_MANY, _ACCUSED_OF_ONE = 0.08, 1.0 / 3.0
 """Share of healthy sessions of other vehicles that are called changed: by three others of the
 vehicle 1 of 12; by a single one, the share of vehicles, by Laplace's rule: one of four
@@ -56,9 +55,9 @@ def most_confident(accused: int, asked: int, spread: Spread) -> float:
         asked: sessions; flights, if all are of one.
         spread: of the healthy flights. A single session says nothing of a further one.
     """
-    usual = _ACCUSED_OF_ONE if spread.days_unknown else _ACCUSED_OF_MANY
-    weight = 0.0 if spread.days_unknown else 1.0
-    return 1.0 - (weight * accused + _OTHERS * usual) / (weight * asked + _OTHERS)
+    if spread.days_unknown:
+        return succession(0, 0, _ACCUSED_OF_ONE)
+    return succession(asked, accused, _ACCUSED_OF_MANY)
 
 
 def judge_change(comparison: HealthyComparison, most: float) -> ChangeVerdict:

@@ -261,9 +261,12 @@ def logistic(x: float) -> float:
     return 1.0 / (1.0 + math.exp(-min(max(x, -700.0), 700.0)))
 
 
-def succession(trials: int, failures: int) -> float:
-    """Return the probability of success after `trials` (Laplace's rule of succession)."""
-    return (trials - failures + 1.0) / (trials + 2.0)
+def succession(trials: int, failures: int, usual: float = 0.5) -> float:
+    """Return the probability of success after `trials` (Laplace's rule of succession).
+
+    `usual`: share of failures before them, which counts as two trials.
+    """
+    return (trials - failures + 2.0 * (1.0 - usual)) / (trials + 2.0)
 
 
 def calibrated(probability: float, table: Calibration, most: float) -> float:

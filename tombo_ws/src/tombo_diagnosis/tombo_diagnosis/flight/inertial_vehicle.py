@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,14 +11,10 @@ import numpy as np
 
 from tombo_bag.flight import Flight
 from tombo_diagnosis.flight.fit.inertial_fit import (
-    HORIZONS_S,
     InertialFit,
-    Prediction,
     deviations,
     fit_inertial,
     inertial_flight,
-    known_before,
-    predict,
 )
 from tombo_diagnosis.wording import figure
 from tombo_dynamics.vehicle import DriveParams
@@ -37,8 +33,6 @@ class InertialVehicle:
     fit: InertialFit
     deviation: tuple[float, float, float]
     """Of thrust and both moments of inertia, as shares."""
-    predictions: Mapping[str, tuple[Prediction, Prediction]]
-    """Flight that was left out -> errors of the vehicle as it was known, and as fitted."""
 
 
 def inertial_vehicle(logs: Sequence[Flight], base: VehicleFile) -> InertialVehicle:
@@ -56,17 +50,9 @@ def inertial_vehicle(logs: Sequence[Flight], base: VehicleFile) -> InertialVehic
     mass, arm = vehicle.mass, vehicle.arm_length
     fit = fit_inertial(flights, mass, arm)
     deviation = deviations(flights, mass, arm, fit)
-    inertia = np.array([vehicle.inertia_xx, vehicle.inertia_yy])
-    predictions = {}
-    for k, log in enumerate(logs) if len(logs) > 1 else ():
-        others = [flight for j, flight in enumerate(flights) if j != k]
-        before = known_before(others, mass, inertia, vehicle.motor_time_constant)
-        after = fit_inertial(others, mass, arm)
-        first, second = (predict(each, flights[k], mass, arm) for each in (before, after))
-        predictions[log.name] = first, second
     file = _file(base, fit, deviation.tolist(), len(logs))
     share, *both = deviation.tolist()
-    return InertialVehicle(file, fit, (share, both[0], both[1]), predictions)
+    return InertialVehicle(file, fit, (share, both[0], both[1]))
 
 
 def _file(
@@ -116,12 +102,6 @@ def inertial_page(vehicle: InertialVehicle, output: Path) -> Page:
         ("motor time constant [s]", figure(fit.lag), ""),
         ("delay before it [s]", figure(fit.delay), ""),
     ]
-    errors = [
-        (name, *(f"{figure(b)} → {figure(a)}" for b, a in zip(old.rates, new.rates, strict=True)),
-         f"{figure(old.force)} → {figure(new.force)}")
-        for name, (old, new) in vehicle.predictions.items()
-    ]  # fmt: skip
-    titles = [f"rates after {horizon:g} s [rad/s]" for horizon in HORIZONS_S]
     name = vehicle.file.name
     unseen = (
         "Not shown without poses, as before: drag, centre of gravity, moment of inertia about z."
@@ -133,20 +113,12 @@ def inertial_page(vehicle: InertialVehicle, output: Path) -> Page:
         summary="",
         sections=[
             Section("", [Table(("fitted", "value", "how well"), rows)]),
-            Section(
-                "Open-loop error on flights left out, before → after",
-                [Table(("flight", *titles, "force [m/s²]"), errors)],
-            ),
             Section("", [Text([unseen, f"Wrote {output}."])]),
         ],
         data={
             "name": name,
             "fit": dataclasses.asdict(fit),
             "deviation": list(vehicle.deviation),
-            "predictions": {
-                flight: [dataclasses.asdict(each) for each in both_of]
-                for flight, both_of in vehicle.predictions.items()
-            },
             "file": vehicle_text(vehicle.file),
         },
     )

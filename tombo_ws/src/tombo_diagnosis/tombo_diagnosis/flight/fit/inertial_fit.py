@@ -8,8 +8,7 @@ lag after a delay. The accelerometer gives the thrust, the gyro's slope the mome
 Lag and delay are those that explain thrust, roll and pitch best together. Without the delay, with
 the lag that explains thrust alone, and with the lower bound of the inertia, this is the model of
 Eschmann, Albani and Loianno, "Data-Driven System Identification of Quadrotors Subject to Motor
-Delays", 2024. What turns the vehicle at a constant rate differs from flight to flight, as the
-rotors' trim does: a prediction takes it from the second before.
+Delays", 2024.
 """
 
 from __future__ import annotations
@@ -41,7 +40,6 @@ _APART_S = 0.3
 _LEAST_S = 5.0
 _LAGS: Array = np.asarray(np.geomspace(0.02, 0.12, 19), np.float64)
 _DELAYS = (0.0, 0.005, 0.01, 0.015)
-HORIZONS_S, _TRIM_S = (0.1, 0.5), 1.0
 _HOVER = 0.6
 """Command near hover, at which the error of the thrust is told."""
 _PARTS = 8
@@ -61,16 +59,6 @@ class InertialFit:
     """(2,) about x and y [kg m²]."""
     bounds: Array
     """(2, 2) lowest and highest moments of inertia that noise of either side allows."""
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Open-loop errors on a flight that was not fitted; RMS."""
-
-    rates: tuple[float, ...]
-    """Of roll and pitch rate after each of `HORIZONS_S` [rad/s]."""
-    force: float
-    """Of the specific force along the thrust [m/s²]."""
 
 
 def inertial_flight(log: Flight) -> EvenFlight:
@@ -181,39 +169,6 @@ def _lagged(command: Array, lag: float, delay: float) -> Array:
 
 def _smooth(values: Array, order: int = 0) -> Array:
     return smooth(values, INERTIAL_WIDTH, 1.0 / _RATE, order)
-
-
-def predict(fit: InertialFit, flight: EvenFlight, mass: float, arm: float) -> Prediction:
-    """Return the open-loop errors on a flight: rates from where they are, `HORIZONS_S` on."""
-    lagged = _lagged(flight.channels["motor_command"], fit.lag, fit.delay)
-    turned = np.cumsum(_moment(fit.drive, lagged, arm) / fit.inertia, axis=0) / _RATE
-    before, after = round(_TRIM_S * _RATE), round(max(HORIZONS_S) * _RATE)
-    rates = _smooth(flight.gyro)[:, :2]
-    begins = range(before, flight.t.size - after, after // 5)
-    starts = np.array([s for s in begins if flight.valid[s - before : s + after].all()], np.intp)
-    trim = rates[starts] - rates[starts - before] - turned[starts] + turned[starts - before]
-    errors = []
-    for horizon in HORIZONS_S:
-        end = starts + round(horizon * _RATE)
-        state = rates[starts] + turned[end] - turned[starts] + trim * horizon / _TRIM_S
-        errors.append(_rms(state - rates[end]))
-    force = _smooth(fit.drive.thrust(lagged).sum(axis=1)) / mass - _smooth(flight.accel[:, 2])
-    return Prediction(tuple(errors), _rms(force[flight.valid]))
-
-
-def known_before(
-    flights: Sequence[EvenFlight], mass: float, inertia: Array, lag: float
-) -> InertialFit:
-    """Return the vehicle as it was known: thrust in proportion to what carries it in the mean."""
-    command = np.concatenate([s.channels["motor_command"][s.valid].mean(axis=1) for s in flights])
-    force = np.concatenate([s.accel[s.valid, 2] for s in flights])
-    gain = 0.25 * mass * float(force.mean() / command.mean())
-    bounds = np.column_stack([inertia, inertia])
-    return InertialFit(DriveParams(gain=gain), lag, 0.0, inertia, bounds)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
 def deviations(flights: Sequence[EvenFlight], mass: float, arm: float, fit: InertialFit) -> Array:
