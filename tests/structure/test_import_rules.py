@@ -50,7 +50,7 @@ LIBRARIES = {
     "tombo_collision": {"numpy", "scipy", "numba", "filterpy", "daqp"},
     "tombo_sim": {"numpy", "scipy", "numba"},
     "tombo_logs": {"numpy", "scipy", "yaml", "pandas", "pyulog", "ruptures", "filterpy"},
-    "tombo_diagnosis": {"numpy", "scipy", "yaml", "ruptures"},
+    "tombo_diagnosis": {"numpy", "scipy", "yaml", "pandas", "ruptures"},
 }
 COMPILED = {*MATHS, "tombo_sim"}
 """Packages whose sources are in the key of the compile cache."""
