@@ -51,7 +51,7 @@ LIBRARIES = {
     "tombo_collision": {"numpy", "scipy", "numba", "filterpy", "daqp"},
     "tombo_sim": {"numpy", "scipy", "numba"},
     "tombo_logs": {"numpy", "scipy", "yaml", "pandas", "pyulog", "filterpy"},
-    "tombo_diagnosis": {"numpy", "scipy", "yaml"},
+    "tombo_diagnosis": {"numpy", "scipy", "yaml", "pandas"},
 }
 COMPILED = {*MATHS, "tombo_sim"}
 """Packages whose sources are in the key of the compile cache."""

@@ -28,7 +28,7 @@ from tombo_benchmarks.diagnosis.flight_simulation import fly_case, true_draws
 from tombo_benchmarks.diagnosis.runner import BenchmarkResult, run_benchmark
 from tombo_benchmarks.diagnosis.score import score_of_flights
 from tombo_diagnosis.flight.analyse import FlightAnalysis
-from tombo_diagnosis.flight.cause_estimates import estimate_cause
+from tombo_diagnosis.flight.causes import estimate_cause
 from tombo_diagnosis.flight.cross_validation import (
     final_explanation,
     fit_without_flight,

@@ -17,7 +17,7 @@ from tombo_benchmarks.diagnosis.score import score_of_stands
 from tombo_benchmarks.diagnosis.stand_cases import make_case
 from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.stand.analyse import analyse
-from tombo_diagnosis.stand.cause_estimates import estimate_cause
+from tombo_diagnosis.stand.causes import estimate_cause
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 
 

@@ -12,7 +12,7 @@ from measured_flights import SLOW, logs, nominal
 from tombo_bag.flight import Airframe, Finding, Series
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.flight import diagnose as diagnose_module
-from tombo_diagnosis.flight.cause_estimates import shown_by_scale
+from tombo_diagnosis.flight.causes import shown_by_scale
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.effects import REGISTRY

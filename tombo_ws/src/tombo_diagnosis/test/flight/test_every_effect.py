@@ -13,7 +13,7 @@ from measured_flights import ROTOR_DRAWS, fly, logs, nominal, with_hidden
 
 from tombo_diagnosis.engine.model_selection import search
 from tombo_diagnosis.flight.analyse import analyse
-from tombo_diagnosis.flight.cause_estimates import estimate_cause
+from tombo_diagnosis.flight.causes import estimate_cause
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_dynamics.effects import REGISTRY

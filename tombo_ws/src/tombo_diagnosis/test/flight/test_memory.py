@@ -6,7 +6,7 @@ from measured_flights import BEGIN, LIVELY, SLOW, as_log, fly, logs, nominal, wi
 
 from tombo_diagnosis.engine.model_selection import search
 from tombo_diagnosis.flight.analyse import analyse
-from tombo_diagnosis.flight.cause_estimates import estimate_cause
+from tombo_diagnosis.flight.causes import estimate_cause
 from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.sensitivity import linearize

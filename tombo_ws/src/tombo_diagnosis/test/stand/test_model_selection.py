@@ -10,7 +10,7 @@ from tombo_diagnosis.engine.model import Hypothesis
 from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.engine.separation import separating_experiment
 from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, analyse, fit_residual_curves
-from tombo_diagnosis.stand.cause_estimates import estimate_cause, held_out, scores
+from tombo_diagnosis.stand.causes import estimate_cause, held_out, scores
 from tombo_diagnosis.stand.model_file import differences_from_model, model_extending_causes
 from tombo_diagnosis.stand.problem import StandProblem
 from tombo_diagnosis.stand.summary_text import repeats

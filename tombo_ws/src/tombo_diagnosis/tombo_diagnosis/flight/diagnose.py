@@ -25,14 +25,7 @@ from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.engine.separation import separating_experiment
 from tombo_diagnosis.flight.analyse import DOUBTS, FlightAnalysis, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
-from tombo_diagnosis.flight.cause_estimates import (
-    UNWEIGHED,
-    estimate_cause,
-    notes,
-    scores,
-    shown_by_scale,
-    summary,
-)
+from tombo_diagnosis.flight.causes import UNWEIGHED, estimate_cause, scores, shown_by_scale
 from tombo_diagnosis.flight.cross_validation import (
     extended,
     gain_by_effect,
@@ -49,6 +42,7 @@ from tombo_diagnosis.flight.nominal import (
     nominal_model,
     nominal_tolerances,
 )
+from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Model

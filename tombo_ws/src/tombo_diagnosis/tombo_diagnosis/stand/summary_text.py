@@ -80,9 +80,6 @@ def notes(
             "k_T takes up everything that is a share of thrust at all speeds: coefficient, air "
             "density, the cell's gain, a wrong rpm scale can't be told from it with this file"
         )
-        lines += [
-            f"k_T is limited by {e.what}: {100.0 * e.share:.2g} %" for e in constant.limits[:4]
-        ]
     if problem.repeated:
         lines += repeats(problem)
     else:
