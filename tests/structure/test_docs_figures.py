@@ -54,6 +54,10 @@ FIGURES: Final = {
         (EVIDENCE, r"Crazyflie, (\d+) are right in a set.*?and (\d+) are wrong"),
     ),
     "losses over PX4": ((README, r"in SITL, (\d+) losses"), (EVIDENCE, r"at 2 m; (\d+) losses")),
+    "fall of reflex over PX4": (
+        (f"{DOCS}/px4.md", r"the vehicle falls ([\d.]+) m in the median"),
+        (README, r"the median fall is ([\d.]+) m"),
+    ),
     "largest drift after a loss": (
         (f"{DOCS}/faults.md", r"drifts by at most ([\d.]+) m"),
         (f"{DOCS}/requirements.md", r"side \| ([\d.]+) m"),
