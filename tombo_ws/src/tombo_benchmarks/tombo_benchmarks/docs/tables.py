@@ -284,7 +284,9 @@ _HEAD = """\
 <!-- Written by `make docs ARGS=tables` from the registry. Do not edit. -->
 # Effects
 
-Deviations from the nominal model. The simulation can switch them on, the diagnosis can fit them.
+For everybody who simulates or diagnoses a real vehicle: which deviations from the nominal model
+are known, and how does each show? `tombo list effects` lists them. The simulation can switch them
+on, the diagnosis can fit them.
 Switch one on in a scenario (`effects: {steady_wind: {east: 2.0}}`) or by
 `--set effects.steady_wind.east=2`. A parameter that is not given has its *null*
 value; with all of its parameters at null an effect adds exactly nothing. *Typical* is a size
