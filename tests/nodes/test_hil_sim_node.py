@@ -55,7 +55,7 @@ def heights(world, seconds: float) -> list[float]:
 @pytest.mark.real_time
 def test_a_px4_lifts_it_and_the_mocap_sees_it(world, start, port):
     world.subscribe(MOCAP_POSE, TRUE_ODOMETRY)
-    node = start(NODE, "-p", f"port:={port}", "-p", "hil.gps:=true")
+    node = start(NODE, "-p", f"port:={port}")
     world.meet(MOCAP_POSE, TRUE_ODOMETRY)
     assert heights(world, 0.5) == [], "time goes on without PX4"
 

@@ -36,7 +36,7 @@ class HilSimNode(VehicleNode):
         Raises:
             InputError: a parameter is refused, the port is taken, or the world can't be.
         """
-        super().__init__({})
+        super().__init__()
         if self.sim_time:
             raise InputError("use_sim_time true: PX4 flies in real time; accepted: false")
         port = self.declare(

@@ -68,15 +68,15 @@ def test_without_an_estimate_nothing_is_streamed_and_nothing_armed():
 
 @pytest.mark.slow
 def test_the_estimate_is_published_once_checks_have_passed_for_a_while():
-    flight = Flight(ready_time=2.0)
+    flight = Flight()
     flight.until(lambda f: f.out.status.ready)
-    flight.run(1.5)
+    flight.run(2.5)
     assert not flight.bridge.estimate_trusted
     flight.mocap_on = False
     flight.until(lambda f: not f.out.status.ready)
     flight.mocap_on = True
     flight.until(lambda f: f.out.status.ready)
-    flight.run(1.5)
+    flight.run(2.5)
     assert not flight.bridge.estimate_trusted, "each fault begins the wait again"
     flight.run(0.6)
     assert flight.bridge.estimate_trusted
@@ -254,11 +254,11 @@ def test_a_restart_is_asked_for_where_px4_needs_one():
 @pytest.mark.slow
 def test_parameters_px4_does_not_know_are_asked_for_a_few_times():
     flight = Flight()
-    flight.px4.deaf = lambda message: getattr(message, "param_id", "") == "EKF2_DELAY_MAX"
+    flight.px4.deaf = lambda message: getattr(message, "param_id", "") == "EKF2_RNG_CTRL"
     flight.run(10.0)
     asked = [m for m in flight.px4.received if m.get_type() == "PARAM_REQUEST_READ"]
-    assert sum(m.param_id == "EKF2_DELAY_MAX" for m in asked) == 4
-    assert flight.bridge.parameters.missing == ["EKF2_DELAY_MAX"]
+    assert sum(m.param_id == "EKF2_RNG_CTRL" for m in asked) == 4
+    assert "EKF2_RNG_CTRL" not in flight.bridge.parameters.values
     assert flight.out.status.ready
 
 

@@ -57,6 +57,14 @@ _CHECK_NS = SECOND_NS // 5
 _ASK_NS = 3 * SECOND_NS
 """Period of new requests for messages that come too seldom."""
 _SETTLE_NS = 4 * SECOND_NS
+_READY_NS = 3 * SECOND_NS
+"""The checks have passed for so long before the estimate is published: PX4's estimator settles for
+some seconds after its first position."""
+_LINK_TIMEOUT_S = 2.5
+"""Without a heartbeat for so long the link is lost: PX4 sends 1 Hz, and one may miss."""
+_POSE_JUMP_M = 0.5
+"""A pose further from PX4's own position in flight is not sent: five EKF2_EVP_NOISE (0.1 m), PX4's
+gate; a second later it would follow it."""
 _HEARTBEAT_REQUEST_NS = SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
@@ -105,7 +113,7 @@ class Bridge:
         self.watch = FlightWatch(params, self.limits)
         self.descent = LevelDescent(mass, self.limits.safety)
         self._repeated = RepeatedPose()
-        self.session = Session(params.link_timeout)
+        self.session = Session(_LINK_TIMEOUT_S)
         self.poses_sent = 0
         self.poses_refused: Counter[str] = Counter()
         self.findings: list[PreflightFinding] = []
@@ -292,7 +300,7 @@ class Bridge:
         if now_ns - last.arrival_ns > _CHECK_NS:
             return False
         expected = last.position + 1e-9 * (stamp_ns - last.stamp_ns) * last.velocity
-        return math.dist(expected, position) > self.params.pose_jump_max
+        return math.dist(expected, position) > _POSE_JUMP_M
 
     @property
     def _armed(self) -> bool:
@@ -392,8 +400,7 @@ class Bridge:
 
     def _update_estimate_trusted(self, now_ns: int) -> None:
         self._ready_ns = (self._ready_ns or now_ns) if self.status.ready else None
-        wait_ns = self.params.ready_time * SECOND_NS
-        settled = self._ready_ns is not None and now_ns - self._ready_ns >= wait_ns
+        settled = self._ready_ns is not None and now_ns - self._ready_ns >= _READY_NS
         self.estimate_trusted = self.estimate_trusted or self.status.armed or settled
 
     def _follow_clock(self, now_ns: int, out: BridgeOutput) -> None:
@@ -424,7 +431,7 @@ class Bridge:
     def _follow_link(self, now_ns: int) -> bool:
         """Return whether the vehicle is there."""
         beat = self._heartbeat
-        if beat is None or now_ns - beat.arrival_ns > self.params.link_timeout * SECOND_NS:
+        if beat is None or now_ns - beat.arrival_ns > _LINK_TIMEOUT_S * SECOND_NS:
             self._linked_ns = None
             return False
         if self._linked_ns is None:

@@ -45,6 +45,11 @@ _NO_TURN, _NO_PUSH = 0.15, 0.8
 _STILL_GYRO, _STILL_ACCEL = 1e-4, 1e-3
 """[rad/s], [m/s^2]: no sensor is as quiet as this, but a simulated one."""
 _FROZEN_NS = 800_000_000
+_POSITION_OFF_M = 0.2
+"""PX4's position may be so far from the pose at rest: two EKF2_EVP_NOISE."""
+_YAW_OFF_RAD = TILT_OFF_RAD = math.radians(10.0)
+"""PX4's yaw may differ so much from the pose's, and the pose's up from gravity's. Estimated,
+because rigid bodies are defined by eye."""
 _IN_FLIGHT = 5.0
 """In flight PX4's position may be off by so many times more."""
 _ODOMETRY_SILENT_NS = 500_000_000
@@ -372,7 +377,7 @@ def _show_position(state: CheckState) -> str:
     if state.pairs is None:
         return ""
     ours, theirs, _ = state.pairs
-    off, limit = math.dist(ours, theirs), state.params.position_error_max
+    off, limit = math.dist(ours, theirs), _POSITION_OFF_M
     if off <= limit * (_IN_FLIGHT if state.flying else 1.0):
         return ""
     return (
@@ -384,7 +389,7 @@ def _show_position(state: CheckState) -> str:
 
 def _show_yaw(state: CheckState) -> str:
     turn = 0.0 if state.pairs is None else state.pairs[2]
-    if abs(turn) <= state.params.yaw_error_max:
+    if abs(turn) <= _YAW_OFF_RAD:
         return ""
     return (
         f"yaw of mocap body differs from PX4 by {math.degrees(turn):+.0f} deg: x of the rigid body"
@@ -416,7 +421,7 @@ def _show_up(state: CheckState) -> str:
     if state.flying or state.felt is None or not state.poses or named:
         return ""
     error = up_error(state.poses[-1].attitude, state.felt[1].mean(axis=0))
-    if error <= state.params.tilt_error_max:
+    if error <= TILT_OFF_RAD:
         return ""
     return (
         f"by its pose the vehicle at rest is tilted by {math.degrees(error):.0f} deg: either the"

@@ -14,6 +14,7 @@ from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.checklist import (
+    TILT_OFF_RAD,
     CheckState,
     PreflightFinding,
     SentPose,
@@ -51,7 +52,7 @@ class Preflight:
         self.odometry: deque[VehicleOdometry] = deque(maxlen=_KEPT)
         self.estimator: EstimatorStatusFlags | None = None
         self._judged_ns = 0
-        self.motion = MotionCheck(params.tilt_error_max)
+        self.motion = MotionCheck(TILT_OFF_RAD)
         self.evidence: AxesEvidence | None = None
         self._new_evidence: AxesEvidence | None = None
         self._proved: HandVerdict | None = None

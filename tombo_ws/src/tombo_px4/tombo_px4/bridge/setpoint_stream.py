@@ -62,6 +62,9 @@ class FlightLimits:
 
 
 _UNIT = 0.2
+_ATTITUDE_LAG_S = 0.2
+"""PX4's attitude is so late: 1 / MC_PITCH_P is 0.15 s, rate loop and link take 0.05 s. It was
+measured best of 0 to 0.3 s."""
 _TIMEOUT_NS = SECOND_NS // 2
 """Without a set point for so long the last position is held [ns]."""
 
@@ -186,7 +189,7 @@ class SetpointStream:
                 velocity=level * setpoint.velocity,
                 acceleration=level * setpoint.acceleration,
             )
-        lead = self._params.attitude_lag * setpoint.acceleration
+        lead = _ATTITUDE_LAG_S * setpoint.acceleration
         setpoint = replace(setpoint, velocity=setpoint.velocity + lead)
         return message_encoder.position_target(setpoint, self._target, now_ns)
 

@@ -216,11 +216,6 @@ class ParameterReader:
         return {name: p.value for name, p in self._all.items() if p.value is not None}
 
     @property
-    def missing(self) -> list[str]:
-        """Names the vehicle did not answer to."""
-        return [name for name, p in self._all.items() if p.silent]
-
-    @property
     def unwritten(self) -> dict[str, float]:
         """Names that the vehicle did not accept."""
         return {
