@@ -67,8 +67,7 @@ _WHERE = {
 _REMOVED = {
     "arena": 'tombo.sweep("collisions", {"reaction.name": ["bounce", "reflex"]}, range(30), '
     'settings={"disturbances": True})',
-    "risk": 'tombo.sweep("paper_collision", {"vehicle.mass": "norm(1.3,0.02)"}, design="lhs", '
-    "samples=4000)",
+    "risk": 'tombo.sweep("paper_collision", {"vehicle.mass": "norm(1.3,0.02)"}, samples=4000)',
     "import_reactions": "tombo.import_files",
 }
 """Former name → what to use in its place."""

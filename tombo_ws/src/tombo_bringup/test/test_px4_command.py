@@ -4,12 +4,10 @@ import subprocess
 import time
 
 import pytest
-from endpoint_bench import bench
 from px4_process import TOMBO, free_ports, px4_process, read_until
 from pymavlink.dialects.v20 import common as mavlink
 
 from in_time import in_time
-from tombo_bringup.cli.flight.px4_screen import state_line
 
 
 def run(*options, timeout=120.0):
@@ -98,19 +96,6 @@ def test_bad_input_is_one_line_and_exit_code_2(refused, options, words):
     free = zip(("--port", "--ground-port"), map(str, free_ports()), strict=True)
     more = [word for pair in free if pair[0] not in options for word in pair]
     refused(("px4", *options, *more), words)
-
-
-def test_the_state_is_one_line():
-    with bench() as b:
-        b.run(0.2)
-        assert "no position" in state_line(b.endpoint, b.boot_ns, 0)
-        b.settle()
-        b.client.send(b.client.mav.heartbeat_encode(6, 8, 0, 0, 4))
-        b.run(0.1)
-        line = state_line(b.endpoint, b.boot_ns, 1_500_000_000)
-    for words in ("disarmed, hold, on ground", "z 0.1", "12.6 V", "heard 245/191", "1.5 s behind"):
-        assert words in line
-    assert "\n" not in line
 
 
 @pytest.mark.slow

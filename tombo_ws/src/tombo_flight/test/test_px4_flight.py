@@ -311,14 +311,12 @@ def test_warnings_are_one_line_for_each_key():
         "... 3 more in x.log",
     ]
     wanted = [
-        "px4_bridge: WARN check.pose_stale: no poses for 1.2 s (2 times, first at 2.5 s)",
-        "px4_bridge: ERROR PX4: Takeoff denied (at 3.0 s)",
-        "px4_bridge: ERROR PX4: Arming denied (at 3.1 s)",
+        "px4_bridge: WARN check.pose_stale: no poses for 1.2 s (2 times)",
+        "px4_bridge: ERROR PX4: Takeoff denied",
+        "px4_bridge: ERROR PX4: Arming denied",
         "px4_bridge: ... 3 more in x.log",
     ]
-    warnings = [("px4_bridge", line) for line in lines]
-    assert grouped(warnings, 100 * 10**9) == wanted
-    assert grouped(warnings, None)[0].endswith("no poses for 1.2 s (2 times)")
+    assert grouped([("px4_bridge", line) for line in lines]) == wanted
 
 
 def test_parameters_of_px4_go_to_the_bridge():

@@ -26,20 +26,6 @@ def test_another_reaction_leaves_the_parameters_of_the_one_before():
     assert (back.reaction.name, back.reaction.distance) == ("bounce", 1.5)
 
 
-@pytest.mark.parametrize(
-    ("name", "word", "reaction"),
-    [
-        ("paper_collision", "false", "none"),
-        ("paper_collision", "true", "bounce"),
-        ("survey", "true", "bounce"),
-    ],
-)
-def test_the_word_of_older_files_chooses_a_reaction(name, word, reaction):
-    scenario = load_scenario(name, [f"react={word}"])
-    assert scenario.reaction.name == reaction
-    assert scenario_from_mapping(as_mapping(scenario), name) == scenario
-
-
 def test_disturbances_lie_below_what_is_said_beside_and_after_them():
     flown = disturbances()["effects"]["gusts"]
     plain = load_scenario("paper_collision")

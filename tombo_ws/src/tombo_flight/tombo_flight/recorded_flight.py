@@ -413,7 +413,7 @@ def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], 
         return as_mapping(nothing), nothing
     try:
         flown = dict(json.loads(text))
-        values = {key: value for key, value in flown.items() if key != "seed"}
+        values = {key: value for key, value in flown.items() if key not in ("seed", "react")}
         pole = values.get("obstacle", {})
         if "x_m" in pole:
             values["obstacle"] = {key: pole[f"{key}_m"] for key in ("x", "y", "radius", "top")}

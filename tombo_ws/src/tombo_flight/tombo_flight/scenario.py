@@ -17,7 +17,6 @@ import numpy as np
 from tombo_collision.params import TRIGGERS, DetectorParams
 from tombo_collision.reactions import DEFAULT, Reaction, reaction_from_mapping
 from tombo_collision.reactions.bounce import Bounce
-from tombo_collision.reactions.none import NoReaction
 from tombo_collision.reactions.policy import Policy
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.course import leg_to, resolved_waypoints
@@ -39,7 +38,6 @@ from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
 from tombo_flight.vehicle_file import VehicleFile, is_builtin_vehicle, vehicle_named
-from tombo_sim.propeller_effects import vehicle_effects
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 DEFAULT_SCENARIO = "paper_collision"
@@ -302,7 +300,6 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     for key, value in values.items():
         if key not in accepted:
             raise unknown_name(f"key in scenario '{label}'", key, accepted)
-        _refuse_decimal_comma(value, key)
         if key == "reaction":
             built[key] = reaction_from_mapping({} if value is None else value)
             if isinstance(built[key], Policy) and built[key].network is None:
@@ -339,27 +336,10 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     return dataclasses.replace(scenario, vehicle=fitted)
 
 
-def _refuse_decimal_comma(value: Any, section: str) -> None:
-    """Say what became of {mass: 1,4}: YAML reads a mass of 1, and a key 4 without a value.
-
-    Raises:
-        InputError: a key is a number without a value.
-    """
-    found = isinstance(value, Mapping) and next(
-        (key for key, inner in value.items() if isinstance(key, int) and inner is None), None
-    )
-    if found is not False and found is not None:
-        raise InputError(
-            f"{section}: the key {found} has no value; accepted: a decimal point, as in "
-            f"{{mass: 1.4}}: a comma ends the value before it"
-        )
-
-
 def as_mapping(scenario: Scenario) -> dict[str, Any]:
     """Return the scenario as plain nested dictionaries, as it could stand in a file."""
     plain: dict[str, Any] = dataclasses.asdict(scenario)
     plain["reaction"]["name"] = scenario.reaction.name
-    plain["react"] = scenario.reaction.name != NoReaction.name  # older readers know no `none`
     if not scenario.disturbances:
         del plain["disturbances"]
     left_out = dataclasses.asdict(PropellerChoice())
@@ -382,21 +362,6 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
             for waypoint in course
         ]
     return plain
-
-
-def scenario_warnings(scenario: Scenario) -> list[str]:
-    """Return what a scenario asks for, and what is hardly meant, a sentence each."""
-    if scenario.obstacle.radius <= 0.0:
-        return []
-    found = []
-    effects = vehicle_effects(scenario.propeller, scenario.vehicle, scenario.effects)
-    if effects["contact_force"].get("stiffness") == 0.0:
-        found.append(
-            "the obstacle is permeable to the frame: effects.contact_force.stiffness is 0"
-        )
-    if scenario.obstacle.top <= 0.0:
-        found.append("the obstacle has no height, nothing touches it: obstacle.top is 0")
-    return found
 
 
 def world_of(scenario: Scenario) -> World:
@@ -512,17 +477,16 @@ def laid_over(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any
     """Return a scenario's values with others over them, key by key.
 
     Two keys stand for more than a value: with `disturbances: true` those of the suite lie between
-    the two; another `reaction.name` leaves the parameters of the reaction before. `react`, a word
-    of older files, chooses a reaction: false none, true the default one where there was none.
+    the two; another `reaction.name` leaves the parameters of the reaction before.
 
     Raises:
-        InputError: `react` or `disturbances` is not true or false, or `base` has disturbances that
-            `over` does not want.
+        InputError: `disturbances` is not true or false, or `base` has some that `over` does not
+            want.
     """
     below, above = dict(base), dict(over)
-    if _flag(above, "react") is not None:
-        above["reaction"] = _reaction_of(below, above, react=above.pop("react"))
-    wanted = _flag(above, "disturbances")
+    wanted = above.get("disturbances")
+    if "disturbances" in above and not isinstance(wanted, bool):
+        raise InputError(f"disturbances: {shown(wanted)} is not true or false")
     if wanted and not below.get("disturbances"):
         below = _merged(below, disturbances())
     elif wanted is False and below.get("disturbances"):
@@ -542,14 +506,6 @@ def disturbances() -> dict[str, Any]:
     return values
 
 
-def _flag(values: Mapping[str, Any], key: str) -> bool | None:
-    """Return a key that is true or false; None: it is not there."""
-    value = values.get(key)
-    if key in values and not isinstance(value, bool):
-        raise InputError(f"{key}: {shown(value)} is not true or false")
-    return value
-
-
 def _section(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     section = values.get(key)
     return section if isinstance(section, Mapping) else {}
@@ -558,16 +514,6 @@ def _section(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 def _reaction_name(values: Mapping[str, Any]) -> Any:
     """Return the name of the reaction that some values choose."""
     return _section(values, "reaction").get("name", DEFAULT)
-
-
-def _reaction_of(
-    below: Mapping[str, Any], above: Mapping[str, Any], *, react: bool
-) -> dict[str, Any]:
-    """Return the reaction that `react` means, over `below` and beside what `above` has."""
-    own = dict(_section(above, "reaction"))
-    if not react:
-        return {"name": NoReaction.name}
-    return {"name": DEFAULT, **own} if _reaction_name(below) == NoReaction.name else own
 
 
 def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

@@ -109,11 +109,3 @@ def test_the_shell_completes_commands(monkeypatch, capfd):
         run([])
     assert end.value.code == 0
     assert capfd.readouterr().out.split() == ["sweep"]
-
-
-@pytest.mark.slow
-def test_a_permeable_obstacle_is_warned_of(tombo):
-    words = ("fly", "--set", "effects.contact_force.stiffness=0", "--set", "duration=1", "--json")
-    result = tombo(*words)
-    assert result.code == 0
-    assert result.err.startswith("Warning: the obstacle is permeable")

@@ -26,8 +26,7 @@ def test_no_run_replaces_another_one_by_default(tombo, tmp_path):
         assert tombo("fly", *SHORT).code == 0
     assert tombo("fly", *SHORT, "--set", "propeller.conf=0", "--reaction", "none").code == 0
 
-    base, third = "hover-0-duration_0.3", "hover-0-reaction_none-duration_0.3-conf_0"
-    assert names(tmp_path / "runs") == {base, f"{base}-2", third}
+    assert names(tmp_path / "runs") == {"hover-0", "hover-0-2", "hover-0-3"}
     assert all(names(folder) == UNRECORDED for folder in (tmp_path / "runs").iterdir())
 
 
@@ -65,11 +64,6 @@ def test_a_numbered_folder_of_a_run_that_failed_is_gone(tmp_path):
         (folder / "summary.json").write_text("half")
         raise RuntimeError
     assert names(tmp_path) == set()
-
-
-def test_a_link_to_nowhere_is_refused(refused, tmp_path):
-    (tmp_path / "link").symlink_to("nowhere")
-    refused(("fly", *SHORT, "-o", "link"), "'link'", "nowhere", "accepted")
 
 
 @pytest.mark.parametrize("file", ["notes.txt", "summary.json", ".hidden"])
@@ -121,12 +115,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(refused, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
     monkeypatch.setattr(flight_output, "write_mcap", full)
-    refused(
-        ("fly", "hover", "--set", "duration=0.3"),
-        "No space left on device",
-        "runs/hover-0",
-        "MB are free",
-    )
+    refused(("fly", "hover", "--set", "duration=0.3"), "No space left on device")
 
 
 @pytest.mark.slow

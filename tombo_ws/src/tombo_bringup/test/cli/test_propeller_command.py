@@ -10,7 +10,7 @@ KEYS += ["gamma_rad", "lift_over_drag", "valid"]
 
 
 def test_json_alone_on_standard_output_and_no_file(tombo, tmp_path: Path) -> None:
-    result = tombo("propeller", "--conf", "5", "--rpm", "1000:3000:500", "--json")
+    result = tombo("propeller", "points", "--conf", "5", "--rpm", "1000:3000:500", "--json")
     assert result.code == 0
     rows = result.json
     assert [row["rpm"] for row in rows] == [1000.0, 1500.0, 2000.0, 2500.0, 3000.0]
@@ -23,7 +23,7 @@ def test_json_alone_on_standard_output_and_no_file(tombo, tmp_path: Path) -> Non
 
 
 def test_a_table_alone_writes_nothing(tombo, tmp_path: Path) -> None:
-    result = tombo("propeller", "--conf", "13", "--law", "published")
+    result = tombo("propeller", "points", "--conf", "13", "--law", "published")
     assert result.code == 0
     assert "0.614" in result.out
     assert "1.8952" in result.out
@@ -32,7 +32,7 @@ def test_a_table_alone_writes_nothing(tombo, tmp_path: Path) -> None:
 
 def test_rows_beyond_validity_are_empty(tombo) -> None:
     limit = valid_speed(configuration(1)) * 30.0 / math.pi
-    result = tombo("propeller", "--conf", "1", "--rpm", "1000:15000:1000", "--json")
+    result = tombo("propeller", "points", "--conf", "1", "--rpm", "1000:15000:1000", "--json")
     assert result.code == 0
     for row in result.json:
         assert row["valid"] == (row["rpm"] <= limit)
@@ -47,21 +47,8 @@ def test_own_library(tombo, refused, tmp_path: Path) -> None:
         f"- {{{row}, fibre_diameter_mm: 0.9, length_mm: 6}}\n"
     )
     asked = ["--library", "own", "--conf", "20", "--rpm", "4000", "--json"]
-    stiff = tombo("propeller", *asked).json[0]
+    stiff = tombo("propeller", "points", *asked).json[0]
     assert stiff["conf"] == 20
     assert stiff["thrust_N"] > float(evaluate(configuration(13), 4000 * math.pi / 30).thrust_N)
     for bad, message in (("nowhere", "no such folder"), (".", "holds no data files")):
-        refused(("propeller", "--library", bad, "--json"), message)
-
-
-@pytest.mark.parametrize(
-    ("before", "command"),
-    [
-        (["--library", "lib"], "design"),
-        (["--law", "consistent"], "reproduce"),
-        (["--json"], "reproduce"),
-        (["--conf", "13"], "design"),
-    ],
-)
-def test_an_option_before_a_sub_command_is_refused(refused, before: list[str], command: str):
-    refused(("propeller", *before, command), before[0], "after", command)
+        refused(("propeller", "points", "--library", bad, "--json"), message)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from tombo_flight.sweep.study import SweepStudy
 
 _Found = TypeVar("_Found")
-_LONGEST_NAME = 120
-"""Of a run's folder; two that begin alike get numbers."""
-_LONGEST_CHANGE = 30
 
 
 @dataclass(frozen=True)
@@ -41,16 +39,10 @@ class Place:
         return open_output(self.path, replace=self.replace, numbered=self.numbered)
 
 
-def new_run(name: str, seed: str, settings: Sequence[str], vehicle: str | None) -> Place:
-    """Return a new folder under runs/: the scenario's name, its seed, vehicle and settings."""
-    changed = {} if vehicle is None else {"vehicle": Path(vehicle).stem}
-    for key, _, value in (text.partition("=") for text in settings):
-        changed[key.removesuffix(".name").rpartition(".")[2]] = value
+def new_run(name: str, seed: str) -> Place:
+    """Return a new folder under runs/: the scenario's name and its seed."""
     label = "-".join([plain_name(name, "scenario"), seed])
-    more = "".join(
-        f"-{plain_name(f'{key}_{value}')[:_LONGEST_CHANGE]}" for key, value in changed.items()
-    )
-    return Place(Path("runs") / (label + more)[:_LONGEST_NAME], numbered=True)
+    return Place(Path("runs") / label, numbered=True)
 
 
 def plain_name(name: str, nameless: str = "log") -> str:
@@ -172,7 +164,7 @@ def run_sweep(
         typer.Exit: a signal came; what was flown is kept.
         InputError: the folder can't be used.
     """
-    from tombo_bringup.cli.progress import duration_text, progress_bar
+    from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.cli.tables import show_page
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.sweep.flying import fly_sweep
@@ -188,9 +180,8 @@ def run_sweep(
             typer.echo(f"{path}: {before} of {flights} flights are there already.")
 
         def tell(kept: int, left_s: float) -> None:
-            words = f"{kept} of {flights} flights, {duration_text(left_s)} left"
-            on_progress(words, kept / flights)
-            import matplotlib.figure  # noqa: F401  # for the page, while the processes fly
+            left = timedelta(seconds=round(left_s))
+            on_progress(f"{kept} of {flights} flights, {left} left", kept / flights)
 
         on_progress("loading", 0.0)
         page = fly_sweep(opened, workers=workers, progress=tell, stop=stop.asked)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.live import Live
 from rich.table import Column, Table
 from rich.text import Text
@@ -142,7 +142,7 @@ class Scroll:
         if self.live is None:
             self.put(text)
         else:
-            self.draw(Text(text, no_wrap=True, overflow="ellipsis"))
+            self.live.update(Text(text, no_wrap=True, overflow="ellipsis"), refresh=True)
 
     def put(self, text: str, style: str = "") -> None:
         """Print a line."""
@@ -150,11 +150,6 @@ class Scroll:
             print(printable(text), flush=True)
         else:
             self.live.console.print(Text(text, style))
-
-    def draw(self, what: RenderableType) -> None:
-        """Draw below the lines, in place of what was drawn before; on a terminal only."""
-        if self.live is not None:
-            self.live.update(what, refresh=True)
 
 
 @contextmanager

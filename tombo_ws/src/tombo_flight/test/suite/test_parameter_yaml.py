@@ -47,7 +47,7 @@ def test_every_value_of_a_scenario_arrives_at_a_node(name):
     anywhere = {key: value for values in nodes.values() for key, value in values.items()}
 
     values = as_mapping(scenario)
-    reaction, react = values.pop("reaction"), values.pop("react")
+    reaction = values.pop("reaction")
     values[reaction.pop("name")] = reaction  # a section of its own for each reaction
     wanted = flat({k: v for k, v in values.items() if k not in NO_PARAMETER})
 
@@ -56,7 +56,7 @@ def test_every_value_of_a_scenario_arrives_at_a_node(name):
     missing = {k: v for k, v in wanted.items() if k not in anywhere or anywhere[k] != v}
     assert not missing
     assert nodes["sim"]["seed"] == 7
-    assert not react and nodes["reaction"]["reaction"] == "none"
+    assert nodes["reaction"]["reaction"] == "none"
     assert nodes["controller"]["vehicle.rotor_inertia"] == 6.1e-05
 
 

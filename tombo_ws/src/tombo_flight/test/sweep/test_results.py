@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import pytest
 
 from tombo_flight.process.study import Task
@@ -13,7 +12,6 @@ from tombo_flight.sweep.design import SweepDesign, parse_axis
 from tombo_flight.sweep.flying import fly_sweep
 from tombo_flight.sweep.folder import open_sweep
 from tombo_flight.sweep.page import sweep_page
-from tombo_flight.sweep.pictures import draw_distributions
 from tombo_flight.sweep.results import HEAD, SweepFlights, point_rows
 from tombo_flight.sweep.statistics import COUNTED, SPREAD_METRICS
 from tombo_flight.sweep.study import figure_columns, new_sweep
@@ -121,22 +119,11 @@ def test_the_worst_flight_is_a_crash_before_a_deep_fall(results_of, crash):
     assert (worst["flight"], worst["crashed"]) == (4 if crash is None else 1, crash is not None)
 
 
-def test_flights_without_a_collision_have_no_worst_one_and_are_drawn(results_of):
+def test_flights_without_a_collision_have_no_worst_one(results_of):
     none = row(collided=False, **dict.fromkeys(SPREAD_METRICS) | {"duration_s": 1.0})
     flights = results_of([none, none], scenario="hover")
     results = flights.results()
     assert results["worst"] is None and not results["of_paper"]
-    figure = draw_distributions(flights.columns, of_paper=True)
-    figure.canvas.draw()
-    assert len(figure.axes) == 6
-
-
-def test_a_histogram_shows_tilt_in_degrees_and_latency_in_milliseconds(results_of):
-    flights = results_of([row(max_tilt_rad=np.pi / 6, contact_known_s=0.036)] * 2)
-    panels = draw_distributions(flights.columns, of_paper=False).axes
-    legends = {axes.get_xlabel(): str(axes.get_legend().texts) for axes in panels if axes.patches}
-    assert "median 30'" in legends["Largest tilt [°]"]
-    assert "median 36'" in legends["Detection latency [ms]"]
 
 
 @pytest.mark.slow
@@ -153,7 +140,7 @@ def test_a_page_has_the_same_figures_as_its_file(tmp_path):
     titles = [section.title for section in page.shown_by("page")]
     assert titles == [
         "All flights", "Crash rate for each setting", "Points",
-        "Distributions", "Worst flight",
+        "Worst flight",
         "Failures, and how to fly them again",
     ]  # fmt: skip
     (table,) = next(s.items for s in page.shown_by("terminal") if s.title == "Points")

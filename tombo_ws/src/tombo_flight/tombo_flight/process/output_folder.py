@@ -208,30 +208,9 @@ class OutputFolder:
                 f"output folder '{self.path}': it is not empty ({some}); accepted: a new or empty "
                 "folder, or --force to replace the results in it"
             )
-        for name in self._results:
-            path = self._target / name
-            if path.parent != self._target and path.parent.exists() and not path.parent.is_dir():
-                raise InputError(
-                    f"output folder '{self.path}': {path.parent.name} in it is a file; accepted: "
-                    "a folder in which that name is free, or is a folder"
-                )
-            if path.is_dir() and not path.is_symlink():
-                raise InputError(
-                    f"output folder '{self.path}': {name} in it is a folder; accepted: a folder "
-                    "in which that name is free"
-                )
 
     def _is_staging(self, path: Path) -> bool:
         return path == getattr(self, "staging", None)
-
-    def full(self, error: OSError) -> InputError:
-        """Return what is said when the disk is full."""
-        written = sum(p.stat().st_size for p in self.staging.rglob("*") if p.is_file())
-        free = shutil.disk_usage(self.staging).free
-        return InputError(
-            f"output folder '{self.path}': {error.strerror}: {written / 1e6:.1f} MB of this run "
-            f"are written, {free / 1e6:.1f} MB are free; accepted: a folder on a disk with room"
-        )
 
     def _unwritable(self, error: OSError) -> InputError:
         reason = error.strerror or str(error)
@@ -265,11 +244,6 @@ def open_output(
     Raises:
         InputError: a file, not empty and `replace` is False, or not writable.
     """
-    if os.path.islink(path) and not os.path.exists(path) and not numbered:
-        raise InputError(
-            f"output folder '{path}': it is a link to '{os.readlink(path)}', which does not "
-            "exist; accepted: a folder, new or empty"
-        )
     folder = OutputFolder(
         _beside(path) if numbered else Path(os.path.realpath(path)),
         path,
@@ -279,9 +253,5 @@ def open_output(
     )
     try:
         yield folder
-    except OSError as error:
-        if error.errno == errno.ENOSPC:
-            raise folder.full(error) from error
-        raise
     finally:
         folder.discard()

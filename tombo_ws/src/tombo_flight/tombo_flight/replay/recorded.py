@@ -31,9 +31,8 @@ from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.scenario import Scenario, scenario_from_mapping, scenario_over
 
 _SECTIONS = (
-    "vehicle", "control", "estimator", "mission", "detector", "react", "reaction", "propeller"
+    "vehicle", "control", "estimator", "mission", "detector", "reaction", "propeller"
 )  # fmt: skip
-"""`react`: recordings of older versions have it."""
 
 
 def scenario_of_bag(

@@ -30,10 +30,6 @@ _PAGE_COLOURS: Final = {
 _DECIMAL: Final = re.compile(r"(?<=[ \"(])-?\d+\.\d{2,}(?=[ \",)])")
 _TAG: Final = re.compile(r"<[^>]*>")
 """Coordinates are inside tags; numbers in texts stay as they are."""
-_MARKERS: Final = re.compile(
-    r'(?P<group><g clip-path="[^"]*")>(?P<uses> *<use [^>]*?(?P<style> style="[^"]*")/>'
-    r"(?: *<use [^>]*?(?P=style)/>)*)"
-)
 
 
 @contextmanager
@@ -74,15 +70,8 @@ def inline_svg(figure: Figure, name: str) -> str:
     content = _TAG.sub(lambda tag: _DECIMAL.sub(_with_one_decimal, tag[0]), content)
     for colour, variable in _PAGE_COLOURS.items():
         content = re.sub(colour, f"var({variable})", content, flags=re.IGNORECASE)
-    content = _MARKERS.sub(_with_one_style, content)
     return f'<svg viewBox="{size}" role="img" aria-label="{escape(name)}">{content}</svg>'
 
 
 def _with_one_decimal(number: re.Match[str]) -> str:
     return f"{float(number[0]):.1f}"
-
-
-def _with_one_style(markers: re.Match[str]) -> str:
-    """Return markers of one style with it said once for all."""
-    style_text = markers["style"]
-    return f"{markers['group']}{style_text}>{markers['uses'].replace(style_text, '')}"

@@ -1,4 +1,4 @@
-"""State of the suite: a table for a terminal, a line for a file, an object for a program."""
+"""State of the suite: a line for people, an object for programs."""
 
 from __future__ import annotations
 
@@ -7,25 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Group
-from rich.table import Table
-from rich.text import Text
-
 from tombo_dynamics.messages import PHASE_NAMES
-from tombo_flight.suite.node_diagnostics import (
-    SILENT_S,
-    Loop,
-    NodeDiagnostics,
-    NodeStatus,
-    lateness_text,
-)
+from tombo_flight.suite.node_diagnostics import SILENT_S, NodeDiagnostics, NodeStatus
 from tombo_flight.suite.supervisor import ProcessExit
 
 _POSE_SILENT_S = 1.0
 """A height that is older says nothing about where the vehicle is."""
-_STYLES = {"running": "green", "starting": "dim", "silent": "bold yellow"}
-_FAULT_STYLES = ("", "yellow", "bold red")
 
 
 @dataclass(frozen=True)
@@ -72,36 +59,6 @@ class SuiteState:
         return "silent" if self.now_s - status.heard_s > SILENT_S else "running"
 
 
-def status_table(suite: SuiteState) -> Group:
-    """Return the table, a row a loop; below it what nodes say is wrong, on lines of its own."""
-    age = suite.node_diagnostics.mocap_age_s
-    mocap = "mocap: no message" if math.isnan(age) else f"mocap: {1e3 * age:.0f} ms old"
-    parts = (f"{suite.uptime_s:.0f} s up", suite.flight_text, mocap)
-    title = Text(", ".join(part for part in parts if part))
-    table = Table(box=SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0))
-    for heading in ("node", "state", "loop"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("pid", "rate", "p99 late", "missed"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    faults = []
-    for name in suite.names:
-        state = suite.state(name)
-        status = suite.node_diagnostics.nodes.get(name, NodeStatus())
-        loops = status.loops if name in suite.pids else ()
-        style = _STYLES.get(state, "bold red")
-        pid = str(suite.pids.get(name, ""))
-        if pid and status.level:
-            style_of_fault = _FAULT_STYLES[min(status.level, 2)]
-            faults.append(Text(f"{name}: {status.message}", style_of_fault))
-        first, *others = loops or (Loop("", {}),)
-        table.add_row(
-            Text(name, "bold"), Text(state, style), *_cells(first, pid, alone=not others)
-        )
-        for loop in others:
-            table.add_row("", "", *_cells(loop, "", alone=False))
-    return Group(table, *faults)
-
-
 def status_line(suite: SuiteState) -> str:
     """Return the suite in one line: how many run, what is wrong."""
     troubles = []
@@ -120,7 +77,9 @@ def status_line(suite: SuiteState) -> str:
     )
     running = sum(name in suite.pids for name in suite.names)
     line = f"{suite.uptime_s:.0f} s: {running} of {len(suite.names)} nodes run, {missed} missed"
-    return "; ".join([line, *([suite.flight_text] if suite.flight else []), *troubles])
+    age = suite.node_diagnostics.mocap_age_s
+    mocap = "no pose of the mocap" if math.isnan(age) else f"mocap {1e3 * age:.0f} ms old"
+    return "; ".join([line, *troubles, *([suite.flight_text] if suite.flight else []), mocap])
 
 
 def status_object(suite: SuiteState) -> dict[str, Any]:
@@ -150,14 +109,3 @@ def status_object(suite: SuiteState) -> dict[str, Any]:
 def _phase(flight: Mapping[str, Any]) -> str:
     phase = flight.get("phase")
     return "" if phase is None else PHASE_NAMES[phase].replace("_", " ")
-
-
-def _cells(loop: Loop, pid: str, *, alone: bool) -> tuple[Text, ...]:
-    rate, late, missed = (loop.number(key) for key in ("rate_hz", "jitter_p99_us", "missed"))
-    return (
-        Text("" if alone else loop.name),
-        Text(pid),
-        Text("" if math.isnan(rate) else f"{rate:.1f} Hz"),
-        Text("" if math.isnan(late) else lateness_text(late)),
-        Text("" if math.isnan(missed) else f"{missed:.0f}", "yellow" if missed > 0 else ""),
-    )

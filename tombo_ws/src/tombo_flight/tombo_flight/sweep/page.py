@@ -1,8 +1,7 @@
-"""The page of a sweep: crash rates, tables, pictures, the worst flight in 3-D."""
+"""The page of a sweep: crash rates, tables, the worst flight in 3-D."""
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import groupby
 from operator import itemgetter
 from typing import Any, Final
@@ -11,20 +10,8 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.report.figures import BY_KEY, fixed
 from tombo_flight.report.flight_report import replay_scripts
 from tombo_flight.report.html import asset
-from tombo_flight.report.page import (
-    Card,
-    Cell,
-    Item,
-    Markup,
-    Page,
-    Picture,
-    Section,
-    Table,
-    TableRow,
-    Text,
-)
+from tombo_flight.report.page import Card, Cell, Item, Markup, Page, Section, Table, TableRow, Text
 from tombo_flight.sweep.folder import OUTCOME, SweepFolder
-from tombo_flight.sweep.pictures import draw_distributions
 from tombo_flight.sweep.results import (
     HEAD,
     MEANING,
@@ -78,7 +65,6 @@ def sweep_page(opened: SweepFolder) -> Page:
             Section("Crash rate for each setting", _crash_rates(results)),
             Section("Points", _points(results, range(len(HEAD) + 1)), "page"),
             Section("Points", _points_on_terminal(results), "terminal"),
-            Section("Distributions", _distributions(flights, results)),
             Section("Worst flight", _worst(results)),
             Section("Failures, and how to fly them again", _failures(flights), "page"),
         ],
@@ -175,11 +161,6 @@ def _points(results: Result, columns: range | tuple[int, ...]) -> list[Item]:
 
 def _points_on_terminal(results: Result) -> list[Item]:
     return _points(results, _FEW_COLUMNS) if len(results["points"]) <= _MOST_ON_TERMINAL else []
-
-
-def _distributions(flights: SweepFlights, results: Result) -> list[Item]:
-    draw = partial(draw_distributions, flights.columns, of_paper=results["of_paper"])
-    return [Picture(draw, "All flights; line: median")]
 
 
 def _worst(results: Result) -> list[Item]:

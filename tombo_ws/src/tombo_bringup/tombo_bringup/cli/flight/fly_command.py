@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.errors import print_warnings
 from tombo_bringup.cli.flight.optional_url import (
     PX4_RULES,
     PX4_SPEED,
@@ -76,17 +75,16 @@ def fly(
 
     Many flights: tombo sweep.
     """
-    from tombo_flight.scenario import load_scenario, scenario_warnings
+    from tombo_flight.scenario import load_scenario
 
     options.check_options(_RULES, variation, px4, pace, domain, more, px4_url=px4.url)
     seed, changes = draw.seed or 0, variation.changes
     chosen = load_scenario(scene.scenario, changes, variation.model, variation.vehicle)
-    print_warnings(scenario_warnings(chosen))
     by = "-px4" if px4.px4 is not None else "-nodes" if more.nodes else ""
     if place.output is not None:
         folder = Place(Path(place.output), replace=force.force)
     else:
-        folder = new_run(chosen.name, f"{seed}{by}", changes, variation.vehicle)
+        folder = new_run(chosen.name, f"{seed}{by}")
     if more.nodes or px4.px4 is not None:
         from tombo_bringup.cli.flight.fly_nodes import fly_nodes
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
 
 _KEY: Final = re.compile(r"\w+ (?!PX4: )[\w.]+: ")
 _FIGURE: Final = re.compile(r"\d[\d.]*")
-_STAMP: Final = re.compile(r"\[\w+\] \[([\d.]+)\]")
 _WARNINGS: Final = 12
 """More are not shown."""
 
@@ -46,8 +44,7 @@ def print_nodes(flown: NodeFlight) -> None:
     elif summary["loops"]:
         recorded = f"{_latency(summary)}; {recorded}"
     print_line(recorded)
-    in_real_time = summary.get("mode") == "px4"
-    troubles = grouped(flown.warnings, flown.flight.record.epoch_ns if in_real_time else None)
+    troubles = grouped(flown.warnings)
     for trouble in troubles[:_WARNINGS]:
         print_line(trouble, "yellow")
     if len(troubles) > _WARNINGS:
@@ -70,36 +67,21 @@ def _print_loops(loops: Mapping[str, Mapping[str, Any]]) -> None:
     print_table(Table(("", "rate", "median late", "p99 late", "missed"), rows, title="Loops"))
 
 
-def grouped(warnings: Sequence[tuple[str, str]], epoch_ns: int | None) -> list[str]:
-    """Return one line for each (node, key): its first text, how often, and when it began.
+def grouped(warnings: Sequence[tuple[str, str]]) -> list[str]:
+    """Return a line for each node and kind of warning: its first text, and how often.
 
-    Args:
-        warnings: node, and line of its log.
-        epoch_ns: when flight time is zero, on the clock of the logs; None: that is not known.
+    Two texts are of one kind if they have the same key, else if they differ in figures only.
     """
-    first: dict[tuple[str, str], tuple[str, float | None]] = {}
-    counts: Counter[tuple[str, str]] = Counter()
+    texts: dict[tuple[str, str], list[str]] = {}
     for node, line in warnings:
         text = without_stamp(line)
-        found = _KEY.match(text)
-        # without a key two texts are the same if they differ in figures only
-        group = (node, found[0] if found else _FIGURE.sub("#", text))
-        counts[group] += 1
-        if group not in first:
-            stamp = _STAMP.match(line)
-            began = None
-            if stamp is not None and epoch_ns is not None:
-                began = float(stamp[1]) - epoch_ns * 1e-9
-            first[group] = text, began
-    lines = []
-    for (node, key), (text, began) in first.items():
-        count = counts[node, key]
-        notes = [f"{count} times"] if count > 1 else []
-        if began is not None:
-            notes.append(f"{'first ' if count > 1 else ''}at {began:.1f} s")
-        more = f" ({', '.join(notes)})" if notes else ""
-        lines.append(f"{node}: {text}{more}")
-    return lines
+        key = _KEY.match(text)
+        kind = key[0] if key else _FIGURE.sub("#", text)
+        texts.setdefault((node, kind), []).append(text)
+    return [
+        f"{node}: {first}{f' ({1 + len(more)} times)' if more else ''}"
+        for (node, _), (first, *more) in texts.items()
+    ]
 
 
 def _latency(summary: Mapping[str, Any]) -> str:

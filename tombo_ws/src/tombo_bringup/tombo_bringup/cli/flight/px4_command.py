@@ -141,7 +141,7 @@ def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> No
 
         def redraw(boot_ns: int, slipped_ns: int) -> None:
             nonlocal over
-            screen.redraw(endpoint, boot_ns, slipped_ns)
+            screen.print_texts(endpoint, boot_ns)
             over = limit_ns is not None and boot_ns + slipped_ns >= limit_ns
 
         slipped_ns = serve(

@@ -1,4 +1,4 @@
-"""Output of `tombo px4`: where to connect, texts of the vehicle, and a live line of the state."""
+"""Output of `tombo px4`: where to connect, and the texts of the vehicle."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tombo_bringup.cli.tables import Scroll
-from tombo_px4.modes import mode_name
 
 if TYPE_CHECKING:
     from tombo_px4.protocol.endpoint import Endpoint
 
-_RECENTLY_HEARD_US = 3_000_000
 _SEVERITY_COLOURED = 4
 """MAV_SEVERITY_WARNING: this and graver is coloured."""
 
@@ -27,30 +25,8 @@ def where_to_connect(host: str, port: int, ground_port: int) -> list[str]:
     ]
 
 
-def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
-    """Return the vehicle's state in one line."""
-    v = endpoint.vehicle
-    x, y, z = (float(p) for p in v.estimate.position)
-    clients = [
-        f"{system}/{component}"
-        for (system, component), when in sorted(endpoint.heard_systems.items())
-        if v.boot_us - when < _RECENTLY_HEARD_US
-    ]
-    words = [
-        f"{boot_ns * 1e-9:7.1f} s",
-        f"{'armed' if v.armed else 'disarmed'}, {mode_name(v.mode)}, "
-        f"{v.landed.name.lower().replace('_', ' ')}",
-        f"x {x:.2f} y {y:.2f} z {z:.2f} m" if v.health.local_position else "no position",
-        f"{v.battery.voltage:.1f} V {100.0 * v.battery.remaining:.0f} %",
-        f"heard {', '.join(clients)}" if clients else "no client connected",
-    ]
-    if slipped_ns:
-        words.append(f"{slipped_ns * 1e-9:.1f} s behind")
-    return " · ".join(words)
-
-
 class Screen:
-    """The texts of the vehicle; on a terminal the state below them."""
+    """The texts of the vehicle, as lines."""
 
     def __init__(self, scroll: Scroll) -> None:
         self._scroll = scroll
@@ -60,14 +36,12 @@ class Screen:
         for line in lines:
             self._scroll.put(line)
 
-    def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Print new texts, draw the state now and then; called hundreds of times a second."""
+    def print_texts(self, endpoint: Endpoint, boot_ns: int) -> None:
+        """Print new texts; called hundreds of times a second."""
         for severity, text in endpoint.announcer.sent_texts:
             style = "yellow" if severity <= _SEVERITY_COLOURED else ""
             self._scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
         endpoint.announcer.sent_texts.clear()
-        if self._scroll.live is not None and self._scroll.due():
-            self._scroll.show(state_line(endpoint, boot_ns, slipped_ns))
 
     def end(self, endpoint: Endpoint, slipped_ns: int) -> None:
         """Say how long it ran, and what was refused."""

@@ -1,4 +1,4 @@
-"""Output of `tombo up`: a live table on a terminal, lines elsewhere, or JSON lines."""
+"""Output of `tombo up`: lines, on a terminal the status below them; or JSON lines."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ def new_screen(as_json: bool) -> Iterator[Screen]:
 
 
 class Screen:
-    """Lines of text, on a terminal a table below them; or a JSON object a line, by its event."""
+    """Lines of text; or a JSON object a line, by its event."""
 
     def __init__(self, scroll: Scroll, *, as_json: bool = False) -> None:
         self._scroll = scroll
         self._as_json = as_json
 
     def status(self, suite: SuiteState) -> None:
-        """Print the status now and then, or draw the table a few times a second; called often."""
-        from tombo_flight.suite.status_table import status_line, status_object, status_table
+        """Show the status now and then; called often."""
+        from tombo_flight.suite.status_table import status_line, status_object
 
         if not self._scroll.due():
             return
-        if self._scroll.live is not None:
-            self._scroll.draw(status_table(suite))
+        if self._as_json:
+            self._put(status_object(suite), "")
         else:
-            self._put(status_object(suite), status_line(suite))
+            self._scroll.show(status_line(suite))
 
     def warning(self, node: str, line: str) -> None:
         """Print a line of a node's log."""

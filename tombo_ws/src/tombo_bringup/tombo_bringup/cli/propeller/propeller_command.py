@@ -1,4 +1,4 @@
-"""`tombo propeller`: operating points of a propeller as table or JSON."""
+"""`tombo propeller points`: operating points of a propeller as table or JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="propeller",
-    help="The propeller model: thrust, drag, torque, deformation.",
+    no_args_is_help=True,
+    help="The propeller model: operating points, design, diagnosis, the paper reproduced.",
     context_settings=options.HELP_OPTIONS,
 )
 
@@ -39,12 +40,8 @@ class _Points:
     rpm: str | None = option("--rpm A:B:STEP", "Both ends included; or one speed. Default: all.")
 
 
-def propeller(
-    ctx: typer.Context,
-    which: options.Propeller,
-    own: options.OwnLibrary,
-    given: _Points,
-    shown: options.Shown,
+def points(
+    which: options.Propeller, own: options.OwnLibrary, given: _Points, shown: options.Shown
 ) -> None:
     """Print the operating points of a propeller: by default configuration 13, law repaired.
 
@@ -53,9 +50,6 @@ def propeller(
     Speeds of a range at which the law is not valid come out as valid = false and empty; if there
     is no valid one at all, that is an error.
     """
-    if ctx.invoked_subcommand is not None:
-        _refuse_options_before(ctx, ctx.invoked_subcommand)
-        return
     from tombo_dynamics.propeller import evaluate, valid_speed
 
     conf = 13 if which.conf is None else which.conf
@@ -64,34 +58,15 @@ def propeller(
     limit = valid_speed(chosen, law) * _RPM
     speeds = _default_speeds(limit) if given.rpm is None else parse_rpm(given.rpm)
     radians = [speed / _RPM for speed in speeds]
-    points = evaluate(chosen, radians, law, outside="mask")
-    if not points.valid.any():
+    found = evaluate(chosen, radians, law, outside="mask")
+    if not found.valid.any():
         evaluate(chosen, radians, law)  # says which range is valid
     if shown.as_json:
-        typer.echo(json.dumps(rows(points, speeds, conf, law), indent=1))
+        typer.echo(json.dumps(rows(found, speeds, conf, law), indent=1))
     else:
         from tombo_bringup.cli.tables import show_page
 
-        show_page(_page(points, speeds, chosen, law, limit), False)
-
-
-def _refuse_options_before(ctx: typer.Context, command: str) -> None:
-    """Refuse options that stand before a sub-command, which would not see them."""
-    from tombo_dynamics.errors import InputError
-
-    for parameter in ctx.command.params:
-        source = ctx.get_parameter_source(str(parameter.name))
-        if source is None or source.name != "COMMANDLINE":
-            continue
-        group: Any = ctx.command
-        option = next(name for name in parameter.opts if name.startswith("--"))
-        known = {name for p in group.commands[command].params for name in p.opts}
-        accepted = (
-            f"it after {command}, tombo propeller {command} {option} ..."
-            if option in known
-            else f"options of {command}, after it: {option} is not one"
-        )
-        raise InputError(f"{option} before {command} has no effect; accepted: {accepted}")
+        show_page(_page(found, speeds, chosen, law, limit), False)
 
 
 def parse_rpm(text: str) -> list[float]:
@@ -182,6 +157,5 @@ def _page(
     )
 
 
-app.callback(invoke_without_command=True)(options.spelt_out(propeller))
-for _command in (design, reproduce, diagnose, recovery):
+for _command in (points, design, reproduce, diagnose, recovery):
     command(app)(_command)
