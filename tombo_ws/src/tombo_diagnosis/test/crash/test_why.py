@@ -83,30 +83,6 @@ def test_cause_and_time_of_what_goes_wrong(changed, cause):
         assert found.timeline
 
 
-def shuttle(hertz, rate):
-    """A sound flight from side to side: the lean that accelerates it, and its rates."""
-    w = 2.0 * np.pi * hertz
-    reach = rate * GRAVITY / w**3
-
-    def eased(t):
-        return np.clip(t / 1.0, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(t / 1.0, 0.0, 1.0))
-
-    def lean(t):
-        x = reach * np.sin(w * t) * eased(t)
-        return np.gradient(np.gradient(x, t), t) / GRAVITY
-
-    return hover(
-        position=lambda t, p: p + np.outer(reach * np.sin(w * t) * eased(t), [1.0, 0.0, 0.0]),
-        attitude=lambda t, q: q + np.outer(0.5 * lean(t), [0.0, 1.0, 0.0, 0.0]),
-        gyro=lambda t, g: g + np.outer(np.gradient(lean(t), t), [0.0, 1.0, 0.0]),
-    )
-
-
-@pytest.mark.parametrize(("hertz", "rate"), [(0.9, 2.0), (1.2, 3.0), (1.6, 3.0)])
-def test_rates_that_move_the_vehicle_are_a_manoeuvre(hertz, rate):
-    assert why(shuttle(hertz, rate)).cause == "none"
-
-
 def turned_down_at_front_right(within_s, accel):
     """It turns by 3 rad/s, against what its rotors are asked for, which give less thrust."""
     turn = -3.0 * MODES[1:3, 0] / np.linalg.norm(MODES[1:3, 0])

@@ -1,1 +1,5 @@
-"""What has changed on a vehicle: new flights against its own healthy ones."""
+"""What has changed on a vehicle: new flights against its own healthy ones.
+
+A vehicle file (`flight/vehicle_fit.py`) answers that only for logs with attitude and commands of
+rotors. Here position and one drive channel, or set points, are enough.
+"""

@@ -14,7 +14,6 @@ from tombo_bag.flight import Finding, Flight, why_left_out
 from tombo_diagnosis.change.comparison import (
     CandidateResult,
     HealthyComparison,
-    Spread,
     accused_of,
     compare,
     smallest_seen,
@@ -98,7 +97,9 @@ def diagnose_change(
     began = clock()
     before, after, data, no_use = _read(new, healthy)
     tried = candidates(nominal.vehicle, nominal.maps, _SIZES)
-    named, spread = _healthy_spread(before, after, data, sessions)
+    old, recent = ([f.log for f in flights] for flights in (before, after))
+    named, same = healthy_sessions(old, recent, data.healthy, sessions)
+    spread = spread_of(data.healthy, named, same)
     accused, asked = accused_of(data.healthy, named, tried)
     curve = data.curve
     exponent_doubt, supply_doubt = curve.deviation[0] / curve.exponent, curve.deviation[1]
@@ -159,19 +160,6 @@ def _read(
     )
     _check_fly(after, data.new)
     return before, after, data, (*no_use_either, *no_use)
-
-
-def _healthy_spread(
-    before: Sequence[AirborneFlight],
-    after: Sequence[AirborneFlight],
-    data: ChangeData,
-    sessions: Mapping[str, str],
-) -> tuple[list[str], Spread]:
-    """Return the session of each healthy flight, and mean and spread of all."""
-    named, same = healthy_sessions(
-        [f.log for f in before], [f.log for f in after], data.healthy, sessions
-    )
-    return named, spread_of(data.healthy, named, same)
 
 
 def _controller(new: Sequence[Flight], healthy: Sequence[Flight]) -> ControllerReport | None:

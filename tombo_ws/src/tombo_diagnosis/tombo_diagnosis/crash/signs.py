@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from tombo_diagnosis.control.oscillation import BEYOND
@@ -172,7 +172,7 @@ def _rotor_behind(m: CrashMotion) -> Iterator[Sign]:
     got = interpolated(m.t, speed.t, speed.values)
     asked = interpolated(m.t, command.t, command.values)
     width = round(_LATELY_S * RATE)
-    least = np.column_stack([_least_lately(a, width) for a in asked.T])
+    least, _ = _lately(asked, width)
     ratio = got / np.maximum(least, 1e-6)
     usual = np.nanpercentile(ratio[m.learnt], 5.0, axis=0)
     behind = (ratio < _STOPPED * np.minimum(usual, 1.0)) & (least > 0.2 * np.median(asked))
@@ -189,14 +189,13 @@ def _rotor_behind(m: CrashMotion) -> Iterator[Sign]:
 
 
 def _lately(values: Array, width: int) -> tuple[Array, Array]:
-    """Return the least and the largest value of the last `width` samples."""
-    return _least_lately(values, width), -_least_lately(-values, width)
-
-
-def _least_lately(values: Array, width: int) -> Array:
-    padded = np.concatenate([np.full(width, values[0]), values])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, width + 1)
-    return np.asarray(windows.min(axis=1))
+    """Return the least and the largest of each row (N, ...) and of the `width` rows before it."""
+    size, origin = width + 1, width // 2  # the window ends with the row
+    least, largest = (
+        extreme(values, size, axis=0, mode="nearest", origin=origin)
+        for extreme in (minimum_filter1d, maximum_filter1d)
+    )
+    return np.asarray(least), np.asarray(largest)
 
 
 def _rotor_lost(m: CrashMotion) -> Iterator[Sign]:
