@@ -81,6 +81,12 @@ def test_help(tombo, arguments):
     assert result.err == ""
 
 
+@pytest.mark.parametrize("group", ["propeller", "vehicle"])
+def test_a_group_without_a_command_says_what_there_is(tombo, group):
+    result = tombo(group)
+    assert "Usage: tombo" in result.out and result.err == ""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments", [["--help"], ["list", "scenarios"], ["--version"], ["fly", "-h"], ["sweep", "-h"]]

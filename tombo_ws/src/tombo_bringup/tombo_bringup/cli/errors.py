@@ -38,7 +38,8 @@ def exit_code_of(command: Callable[[], object]) -> int:
     except InputError as error:
         print_error(str(error))
     except _UsageError as error:
-        print_error(_usage(error))
+        if text := _usage(error):  # empty: help was shown
+            print_error(text)
     except (KeyboardInterrupt, typer.Abort):
         print_error("interrupted")
         return INTERRUPTED
