@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from in_time import in_time
 from tombo_bringup.cli.flight.px4_screen import state_line
+from tombo_px4.bridge.vehicle_parameters import EV_DELAY, FLIGHT_PARAMETERS
 
 
 def run(*options, timeout=120.0):
@@ -135,3 +136,17 @@ def test_only_who_has_the_key_is_heard(tmp_path):
                     assert mavlink.MAVLink(None).parse_buffer(board.recv(2048))
         ack, _ = first(board, "COMMAND_ACK")
         assert ack.command == 31000
+
+
+def test_the_parameter_file_has_what_a_flight_needs(tombo, refused, tmp_path):
+    assert tombo("px4", "--write-params", "lab.params").code == 0
+    text = (tmp_path / "lab.params").read_text()
+    rows = [line.split("\t") for line in text.splitlines() if not line.startswith("#")]
+    values = {name: (float(value), int(kind)) for _, _, name, value, kind in rows}
+    for parameter in FLIGHT_PARAMETERS:
+        if parameter.name != EV_DELAY:
+            assert parameter.accepts(values[parameter.name][0]), parameter.name
+            assert f"# {parameter.name}: " in text
+    assert values["COM_OF_LOSS_T"][1] == mavlink.MAV_PARAM_TYPE_REAL32
+    assert values["COM_OBL_RC_ACT"][1] == mavlink.MAV_PARAM_TYPE_INT32
+    refused(("px4", "--write-params", "lab.params"), "'lab.params' exists")

@@ -135,6 +135,12 @@ def explain_parameters(values: Mapping[str, float | int], weight: FindingSeverit
 
 SETS: Mapping[str, Mapping[str, float]] = {"safe": SAFE_PARAMETERS, "mocap": MOCAP_ONLY}
 """Word in `px4_parameters` → what it stands for: a loss ends on the ground; by poses alone."""
+_REASONS: Mapping[str, str] = {
+    **{p.name: p.why for p in FLIGHT_PARAMETERS},
+    "COM_LOW_BAT_ACT": "a critical battery: 2 lands",
+    SYS_HAS_GPS: "no GPS receiver is expected indoors",
+    "SYS_HAS_MAG": "no magnetometer is expected indoors",
+}
 WRITES_ACCEPTED = f"{', '.join(SETS)}, or NAME=VALUE as EKF2_EV_CTRL=11"
 _AGAIN_NS = SECOND_NS
 _TRIES = 4
@@ -276,3 +282,20 @@ class ParameterReader:
     def _write(self, name: str, value: float, kind: int) -> Any:
         value = float_of_int(round(value)) if kind == _INT32 else value
         return mav.MAVLink_param_set_message(*self._to, name.encode(), value, kind)
+
+
+def parameter_file() -> str:
+    """Return what `safe` and `mocap` set as a file that QGroundControl loads, with the reasons.
+
+    A row has vehicle, component, name, value and MAVLink's type, with tabs between them.
+    """
+    lines = [
+        "# PX4 1.17, flights by motion capture. In QGroundControl: Vehicle Configuration,",
+        "# Parameters, Tools, Load from file. Then restart PX4.",
+        "# Vehicle-Id Component-Id Name Value Type",
+    ]
+    for name, value in {**SAFE_PARAMETERS, **MOCAP_ONLY}.items():
+        whole = isinstance(value, int)
+        kind = mav.MAV_PARAM_TYPE_INT32 if whole else mav.MAV_PARAM_TYPE_REAL32
+        lines += [f"# {name}: {_REASONS[name]}", f"1\t1\t{name}\t{value}\t{kind}"]
+    return "\n".join(lines) + "\n"

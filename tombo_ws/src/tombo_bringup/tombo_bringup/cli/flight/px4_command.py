@@ -50,6 +50,11 @@ class _Px4:
     key: Path | None = option(
         "--key FILE", "Key of MAVLink's signatures: only who has it is heard."
     )
+    write_params: Path | None = option(
+        "--write-params FILE",
+        "Write the parameters that a real PX4 needs, each with its reason, for QGroundControl; "
+        "and leave.",
+    )
 
 
 @command(app, lab=True, epilog=PX4_EXIT_CODES)
@@ -70,6 +75,9 @@ def px4(
     from tombo_px4.autopilot.parameters import ParameterTable
     from tombo_px4.protocol.endpoint import Endpoint
 
+    if given.write_params is not None:
+        _write_parameters(given.write_params)
+        return
     table = ParameterTable()
     chosen = load_scenario(scene.scenario, settings.settings or [])
     with ExitStack() as stack:
@@ -80,6 +88,17 @@ def px4(
         vehicle = _vehicle(chosen, draw.seed or 0, table)
         lines = where_to_connect(_HERE, given.port, given.ground_port)
         _serve(Endpoint(vehicle, links), duration.duration, lines)
+
+
+def _write_parameters(path: Path) -> None:
+    from tombo_dynamics.errors import InputError
+    from tombo_flight.process.output_folder import write_whole
+    from tombo_px4.bridge.vehicle_parameters import parameter_file
+
+    if path.exists():
+        raise InputError(f"'{path}' exists; accepted: a new name")
+    write_whole(path, parameter_file())
+    typer.echo(f"{path}: QGroundControl, Parameters, Tools, Load from file")
 
 
 def _open_links(given: _Px4, table: ParameterTable) -> list[tuple[Link, str]]:
