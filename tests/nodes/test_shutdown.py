@@ -29,7 +29,7 @@ def test_the_whole_suite_is_gone_within_three_seconds(start, tmp_path):
     """Every other node is told by SIGTERM, the others by Ctrl-C, twice."""
     processes: list[NodeProcess] = []
     for module in NODES:
-        more = ("-p", f"output:={tmp_path / 'bag.mcap'}") if "recorder" in module else ()
+        more = ("-p", f"output:={tmp_path / 'bag'}") if "recorder" in module else ()
         processes.append(start(module, "-p", "use_sim_time:=false", *more))
     until = time.monotonic() + 60.0
     while not all("running" in node.output for node in processes):

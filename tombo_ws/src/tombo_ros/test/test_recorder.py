@@ -43,8 +43,12 @@ PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 MS = 1_000_000
 
 
-def record(start, path, *more):
-    return start(RECORDER, "-p", f"output:={path}", *more)
+def record(start, folder, *more):
+    return start(RECORDER, "-p", f"output:={folder}", *more)
+
+
+def bag_files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.mcap"), key=lambda path: int(path.stem.rpartition("_")[2]))
 
 
 def decoded(path: Path, topic: str) -> list:
@@ -108,9 +112,8 @@ def test_everything_arrives_unchanged_and_three_libraries_read_it(start, world, 
     event.header.stamp = to_time(5)
     world.publish(COLLISION_EVENT, event)  # latched, before the recorder is there
     named = ["-p", "topics:=['/steady', '/collision_event']"]
-    path, path_of_all = tmp_path / "runs" / "a.mcap", tmp_path / "all.mcap"
-    recorder = record(start, path, *named)
-    recorder_of_all = record(start, path_of_all, "-p", "all:=true", "-p", "topics:=['']")
+    recorder = record(start, tmp_path / "bag", *named, "-p", "file_duration_max:=0.4")
+    recorder_of_all = record(start, tmp_path / "all", "-p", "all:=true", "-p", "topics:=['']")
     world.subscribe(DIAGNOSTICS)
     meet(world, STEADY, COLLISION_EVENT, others=2)
     meet(world, IMU, others=1)
@@ -123,27 +126,31 @@ def test_everything_arrives_unchanged_and_three_libraries_read_it(start, world, 
     assert recorder.end(signal.SIGINT) == 0
     assert recorder_of_all.end(signal.SIGTERM) == 0
 
-    with AnyReader([path]) as reader:
+    folder = tmp_path / "bag"
+    files = bag_files(folder)
+    assert len(files) > 2
+    with AnyReader([folder]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
         assert counts == {"/steady": 500, "/collision_event": 1}
         for connection, _, data in reader.messages():
             reader.deserialize(data, connection.msgtype)
-    read = decoded(path, "/steady")
+    read = [pair for path in files for pair in decoded(path, "/steady")]
     assert [values.angular_velocity.x for _, values in read] == [float(i) for i in range(500)]
     assert [values.header.stamp.nanosec for _, values in read] == [i * MS for i in range(500)]
     delays = np.array([message.log_time - message.publish_time for message, _ in read])
     assert (delays >= 0).all() and np.median(delays) < 100 * MS
-    bag = Bag(path, check=True)
-    for raw in bag.messages(bag.topics)["/steady"].messages:
-        x = deserialize_message(raw, message_class(IMU.typename)).angular_velocity.x
-        assert x == imu(int(x)).angular_velocity.x
-    entries = notes(path)
+    bags = [Bag(path, check=True) for path in files]
+    for bag in bags:
+        for raw in bag.messages(bag.topics)["/steady"].messages:
+            x = deserialize_message(raw, message_class(IMU.typename)).angular_velocity.x
+            assert x == imu(int(x)).angular_velocity.x
+    entries = notes(files[-1])
     assert entries["lost"] == entries["lost:/steady"] == "0"
     assert int(entries["stopped_ns"]) > int(entries["started_ns"])
     assert int(entries["messages"]) == sum(counts.values())
     assert f"recorded {sum(counts.values())} messages" in recorder.output
 
-    with AnyReader([path_of_all]) as reader:
+    with AnyReader([tmp_path / "all"]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
         assert counts["/steady"] == 500 and counts["/collision_event"] == 1
         assert {"/imu/data_raw", "/rosout", "/parameter_events", "/diagnostics"} <= counts.keys()
@@ -151,14 +158,16 @@ def test_everything_arrives_unchanged_and_three_libraries_read_it(start, world, 
 
 def test_after_kill_9_all_but_the_last_second_is_there(start, world, tmp_path):
     named = ["-p", "topics:=['/steady']"]
-    path = tmp_path / "a.mcap"
-    recorder = record(start, path, *named)
-    quiet = record(start, tmp_path / "q.mcap", "-p", "use_sim_time:=true", *named)
+    recorder = record(start, tmp_path / "bag", *named)
+    single = f"single_file:={tmp_path / 'q.mcap'}"
+    quiet = start(RECORDER, "-p", single, "-p", "use_sim_time:=true", *named)
     meet(world, STEADY, others=2)
     sent_ns = pour(world, STEADY, number=1500, period_s=0.001)
     killed_ns = time.time_ns()
     recorder.process.kill()
     recorder.process.wait()
+    (path,) = bag_files(tmp_path / "bag")
+    assert not (tmp_path / "bag" / "metadata.yaml").exists()
     bag = Bag(path)
     assert "not closed" in bag.damage[0] or "cut off" in bag.damage[0]
     table = Recording(bag.path).columns("/steady")
@@ -180,7 +189,7 @@ def test_losses_are_counted_and_said(start, world, tmp_path, monkeypatch):
     small.write_text(Path(os.environ[PROFILES]).read_text().replace("4194304", "65536"))
     monkeypatch.setenv(PROFILES, str(small))
     world.subscribe(DIAGNOSTICS)
-    recorder = record(start, tmp_path / "a.mcap")
+    recorder = start(RECORDER, "-p", f"single_file:={tmp_path / 'a.mcap'}")
     meet(world, IMU, ODOMETRY)
     pour(world, IMU, number=10)
     recorded(world, 10)
@@ -204,8 +213,7 @@ def test_other_qos_several_publishers_and_types_nobody_can_describe(start, world
     weak = TopicSpec(ODOMETRY.name, ODOMETRY.typename, SENSOR, 0.0, "best effort")
     goals = TopicSpec("/goals", "nav_msgs/msg/Goals", Qos(), 0.0, "not of rosbags' store")
     world.subscribe(DIAGNOSTICS)
-    path = tmp_path / "a.mcap"
-    recorder = record(start, path, "-p", "all:=true")
+    recorder = record(start, tmp_path / "bag", "-p", "all:=true")
     text = world.wait_for_fault("recorder", "undescribed./strange")
     assert "ListParameters_Event" in text and "accepted" not in text
     meet(world, weak)
@@ -225,7 +233,8 @@ def test_other_qos_several_publishers_and_types_nobody_can_describe(start, world
     strange.publish(ListParameters.Event())
     time.sleep(0.3)
     assert recorder.end() == 0
-    with AnyReader([path]) as reader:
+    path = tmp_path / "bag" / "bag_0.mcap"
+    with AnyReader([tmp_path / "bag"]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
     assert counts["/odometry"] == 50, "recorder and best-effort publisher agree on best effort"
     assert counts["/imu/data_raw"] == 129
@@ -245,7 +254,7 @@ def test_another_version_of_a_type_is_said_and_its_bytes_left_alone(
     shutil.copytree(message_directory(), folder)
     (folder / "RotorSpeeds.msg").write_text("std_msgs/Header header\nfloat64 one\n")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
-    recorder = record(start, tmp_path / "a.mcap")
+    recorder = start(RECORDER, "-p", f"single_file:={tmp_path / 'a.mcap'}")
     world.subscribe(DIAGNOSTICS)
     meet(world, ROTOR_COMMAND)
     sent = message_class(ROTOR_COMMAND.typename)()
@@ -263,10 +272,10 @@ def test_another_version_of_a_type_is_said_and_its_bytes_left_alone(
 def test_a_disk_that_fills_up_ends_the_recording_and_what_was_written_is_read(
     start, world, tmp_path
 ):
-    path = tmp_path / "a.mcap"
-    recorder = record(start, path)
+    recorder = record(start, tmp_path / "bag")
     world.subscribe(DIAGNOSTICS)
     meet(world, IMU)
+    path = tmp_path / "bag" / "bag_0.mcap"
     pour(world, IMU, number=1000)
     limit = path.stat().st_size + 10_000
     resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (limit, limit))
@@ -278,39 +287,41 @@ def test_a_disk_that_fills_up_ends_the_recording_and_what_was_written_is_read(
     assert recorder.process.wait(60) == 1
     assert "can't write" in report and "File too large" in report
     assert "could not be written" in recorder.output and "Traceback" not in recorder.output
-    with Recording(path) as recording:
+    with Recording(tmp_path / "bag") as recording:
         x = recording.columns(IMU.name)["angular_velocity.x"]
         np.testing.assert_array_equal(x[:1000], np.arange(1000))
+        assert recording.damage == [] or not (tmp_path / "bag" / "metadata.yaml").exists()
 
 
 def test_bad_parameters_end_it_with_one_line(start, tmp_path):
-    (tmp_path / "old.mcap").touch()
+    (tmp_path / "old").mkdir()
     (tmp_path / "file").touch()
     cases = {
-        "accepted: a new name": ["-p", f"output:={tmp_path / 'old.mcap'}"],
-        "Not a directory": ["-p", f"output:={tmp_path / 'file' / 'a.mcap'}"],
-        "that ends in .mcap": ["-p", f"output:={tmp_path / 'a.bag'}"],
-        "accepted: names of topics": ["-p", "output:=c.mcap", "-p", "topics:=['/a b']"],
+        "is there already": ["-p", f"output:={tmp_path / 'old'}"],
+        "Not a directory": ["-p", f"output:={tmp_path / 'file' / 'bag'}"],
+        "name ending in .mcap": ["-p", f"single_file:={tmp_path / 'a.bag'}"],
+        "accepted: one of them": ["-p", "output:=a", "-p", "single_file:=b.mcap"],
+        "accepted: names of topics": ["-p", "output:=c", "-p", "topics:=['/a b']"],
+        "file_size_max is -1": ["-p", f"output:={tmp_path / 'b'}", "-p", "file_size_max:=-1"],
     }
     recorders = {text: start(RECORDER, *arguments) for text, arguments in cases.items()}
     for text, recorder in recorders.items():
         assert recorder.process.wait(60) == 2
         (line,) = recorder.output.splitlines()
         assert line.startswith("Error: ") and text in line
-    assert sorted(p.name for p in tmp_path.iterdir() if p.suffix != ".log") == ["file", "old.mcap"]
+    assert sorted(p.name for p in tmp_path.iterdir() if p.suffix != ".log") == ["file", "old"]
 
 
 def test_every_topic_of_the_suite_but_the_clock_is_recorded_by_default(start, world, tmp_path):
     world.subscribe(DIAGNOSTICS)
-    path = tmp_path / "a.mcap"
-    recorder = record(start, path)
+    recorder = record(start, tmp_path / "bag")
     specs = [spec for spec in TOPICS.values() if spec.typename.split("/")[0] != "tf2_msgs"]
     meet(world, *(spec for spec in specs if spec.name not in ("/clock", "/diagnostics")))
     for spec in specs:
         world.publish(spec, message_class(spec.typename)())
     recorded(world, len(specs) - 1)
     assert recorder.end() == 0
-    with AnyReader([path]) as reader:
+    with AnyReader([tmp_path / "bag"]) as reader:
         entries = {c.topic: c for c in reader.connections}
         for connection, _, data in reader.messages():
             reader.deserialize(data, connection.msgtype)

@@ -1,4 +1,4 @@
-"""Records topics as they come into an MCAP file. See docs/recording.md.
+"""Records topics as they come into a rosbag2 folder or one MCAP file. See docs/recording.md.
 
 Messages are taken as bytes and go into the file through the same `McapSink` as those of the
 headless flight. Log times are the times of reception by the machine's clock, also when the flight
@@ -16,8 +16,7 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from tombo_bag.flight_time import RECORDER_METADATA
-from tombo_bag.formats.mcap_sink import McapSink
+from tombo_bag.formats.rolling_sink import RollingOptions, RollingSink
 from tombo_bag.qos import STATE, Qos
 from tombo_bag.schemas import type_hash
 from tombo_bag.sequence_counter import SequenceCounter
@@ -55,8 +54,6 @@ class RecordedTopic:
         self._node = node
         self._kind = message_class(typename)
         self._has_publisher = False
-        self.channel = 0
-        """Number of the topic in the file, once it is there."""
         self.taken = 0
         """Messages recorded."""
         self._subscribe(qos)
@@ -68,10 +65,11 @@ class RecordedTopic:
 
     def relax_qos(self, qos: Qos) -> None:
         """Request less where a publisher doesn't offer the requested quality of service."""
-        if qos != self.qos:
+        weaker = weakest_qos((self.qos, qos))
+        if weaker != self.qos:
             self.take()
             self._node.ros.destroy_subscription(self._subscription)
-            self._subscribe(qos)
+            self._subscribe(weaker)
 
     def take(self) -> None:
         """Record all received messages."""
@@ -84,7 +82,7 @@ class RecordedTopic:
             message, info = item
             received = info["received_timestamp"]
             self.sequence_counter.seen(info["publication_sequence_number"])
-            write(self.channel, message, received, info["source_timestamp"] or received)
+            write(self.name, message, received, info["source_timestamp"] or received)
             self.taken += 1
             item = self._take(self._kind, True)
 
@@ -104,7 +102,7 @@ class RecordedTopic:
         return 0
 
     def take_first(self, number: int) -> list[ReceivedMessage]:
-        """Return an empty list: received messages are recorded already."""
+        """Return nothing: what has come is recorded already."""
         return []
 
 
@@ -130,7 +128,7 @@ class RecorderNode(LoopNode):
         names = self.declare("topics", known, "names of the topics to record")
         self._all = self.declare("all", False, "record every other topic on the graph too")
         self._specs = {self._resolved(name): TOPICS.get(name) for name in names}
-        self.sink = self._new_file()
+        self.sink = RollingSink(self._options(), self._notes, self._records())
         for name, spec in self._specs.items():
             if spec is not None:
                 qos = lockstep_spec(spec).qos if self.lockstep else spec.qos
@@ -139,7 +137,7 @@ class RecorderNode(LoopNode):
         self._searched_at = 0
         self._seen_before = 0
         self._diagnostics_values()
-        self.ros.get_logger().info(f"recording to {self.sink.path}")
+        self.ros.get_logger().info(f"recording to {self.sink.options.target}")
 
     def _resolved(self, name: str) -> str:
         """Return a topic's name on the graph: the suite's own move with namespace and remaps."""
@@ -149,30 +147,27 @@ class RecorderNode(LoopNode):
             reason = str(error).partition(", at ")[0]
             raise InputError(f"topics: '{name}': {reason}; accepted: names of topics") from error
 
-    def _new_file(self) -> McapSink:
-        """Create the file, with the records of `metadata_file` at its beginning.
-
-        Raises:
-            InputError: the name does not end in .mcap or is taken, or the file can't be written.
-        """
+    def _options(self) -> RollingOptions:
         now = time.strftime("%Y_%m_%d-%H_%M_%S", time.localtime(self._started_ns // SECOND_NS))
-        output = self.declare("output", "", "MCAP file to make; empty: recording_ with the time")
-        path = Path(output or f"recording_{now}.mcap").expanduser().absolute()
-        records = self._records()
-        if path.suffix != ".mcap" or path.is_symlink() or path.exists():
-            raise InputError(f"output '{path}'; accepted: a new name that ends in .mcap")
-        try:
-            if not path.parent.exists():
-                path.parent.mkdir(parents=True)
-            sink = McapSink(path)
-            for name, values in records.items():
-                sink.add_metadata(name, values)
-        except OSError as error:
-            raise InputError(f"can't write '{path}': {error.strerror}") from error
-        return sink
+        output = self.declare("output", "", "folder to make; empty: recording_ with the time")
+        file = self.declare("single_file", "", "in place of a folder: one file, ending in .mcap")
+        size_max = self.declare("file_size_max", 0, "a larger file ends [bytes]; 0: no limit")
+        duration_max = self.declare(
+            "file_duration_max", 0.0, "a longer file ends [s]; 0: no limit"
+        )
+        if output and file:
+            raise InputError(
+                f"parameters output '{output}' and single_file '{file}'; accepted: one of them"
+            )
+        return RollingOptions(
+            Path(file or output or f"recording_{now}").expanduser().absolute(),
+            single_file=bool(file),
+            file_size_max=size_max,
+            file_duration_max=duration_max,
+        )
 
     def _records(self) -> dict[str, dict[str, str]]:
-        """Read the metadata records of the file.
+        """Read what is to stand in the file beside the messages.
 
         Raises:
             InputError: no such file, or not of that form.
@@ -194,7 +189,8 @@ class RecorderNode(LoopNode):
 
     def step(self, now_ns: int) -> None:
         """Take the received messages; write, find publishers and report, each at its period."""
-        self._guarded(self._take)
+        for source in self._sources.values():
+            source.take()
         clock = time.monotonic_ns()
         if clock - self._written_at >= FLUSH_NS:
             self._written_at = clock
@@ -222,26 +218,15 @@ class RecorderNode(LoopNode):
 
     def close(self) -> None:
         """Take the remaining messages, finish the file, log a line about the recording."""
-        self._guarded(self._take)
+        for source in self._sources.values():
+            source.take()
         self._discover_publishers()
         self._stopped_ns = time.time_ns()
-        self._guarded(self._finish_file)
+        self._guarded(self.sink.close)
         if self.sink.unwritten:
             self.exit_code = 1
         self._diagnostics_values()
         self._log_summary()
-
-    def _take(self) -> None:
-        for source in self._sources.values():
-            source.take()
-
-    def _finish_file(self) -> None:
-        """Write the remaining messages, the notes and the index."""
-        try:
-            self.sink.flush()
-            self.sink.add_metadata(RECORDER_METADATA, self._notes())
-        finally:
-            self.sink.close()
 
     def _guarded(self, action: Callable[[], None]) -> None:
         """Write; if the disk refuses, report it and end the recording."""
@@ -256,7 +241,7 @@ class RecorderNode(LoopNode):
             self.stop()
 
     def _discover_publishers(self) -> None:
-        """Find new publishers; adapt to their quality of service; count them."""
+        """Find new publishers; adapt to what they offer; count them."""
         names = dict.fromkeys(self._specs)
         if self._all:
             names.update(dict.fromkeys(name for name, _ in self.ros.get_topic_names_and_types()))
@@ -275,9 +260,9 @@ class RecorderNode(LoopNode):
         """Take note of a topic's publishers. Now the topic is one of the recording's."""
         if offers is None:
             offers = self.ros.get_publishers_info_by_topic(source.name)
-        qos = weakest_qos((source.qos, *map(_offered, offers)))
-        source.channel = self.sink.add_channel(source.name, source.typename, qos)
-        source.relax_qos(qos)
+        if offers:
+            source.relax_qos(weakest_qos(map(_offered, offers)))
+        self.sink.add_topic(source.name, source.typename, source.qos)
         for offer in offers:
             self._compare(source, offer)
 
@@ -336,13 +321,12 @@ class RecorderNode(LoopNode):
 
     def _notes(self) -> dict[str, str]:
         """Return the recorder's notes in the file."""
-        sources = sorted(self._sources.items())
-        counters = {name: source.sequence_counter for name, source in sources if source.channel}
+        counters = {n: self._sources[n].sequence_counter for n in sorted(self.sink.topics)}
         unnumbered = [name for name, counter in counters.items() if counter.without_sequence]
         return {
             "started_ns": str(self._started_ns),
             "stopped_ns": str(self._stopped_ns or ""),
-            "messages": str(self.sink.message_counts.total()),
+            "messages": str(self.sink.messages),
             "lost": str(self._lost()),
             "unwritten": str(self.sink.unwritten),
             "crowded": " ".join(_crowded(counters)),
@@ -361,10 +345,9 @@ class RecorderNode(LoopNode):
             lost += f" (not countable on {uncounted} topics with several publishers)"
         if self.sink.unwritten:
             lost += f", {self.sink.unwritten} could not be written"
-        written = self.sink.message_counts.total()
         sys.stdout.write(
-            f"recorded {written} messages on {len(counters)} topics in {seconds:.1f} s,"
-            f" {lost}, {self.sink.size / 1e6:.1f} MB: {self.sink.path}\n"
+            f"recorded {self.sink.messages} messages on {len(counters)} topics in {seconds:.1f} s,"
+            f" {lost}, {self.sink.size / 1e6:.1f} MB: {self.sink.options.target}\n"
         )
         sys.stdout.flush()
 
@@ -385,7 +368,7 @@ def _crowded(counters: Mapping[str, SequenceCounter]) -> list[str]:
 
 
 def weakest_qos(offers: Iterable[Qos]) -> Qos:
-    """Return the quality of service that all publishers offer."""
+    """Return what all of some publishers offer."""
     every = list(offers)
     reliable = all(qos.reliability == "reliable" for qos in every)
     latched = all(qos.durability == "transient_local" for qos in every)
@@ -393,7 +376,7 @@ def weakest_qos(offers: Iterable[Qos]) -> Qos:
 
 
 def _offered(offer: Any) -> Qos:
-    """Return the quality of service of a publisher; discovery does not know the depth."""
+    """Return what a publisher offers; discovery doesn't tell the depth."""
     profile = offer.qos_profile
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     reliable = profile.reliability == ReliabilityPolicy.RELIABLE

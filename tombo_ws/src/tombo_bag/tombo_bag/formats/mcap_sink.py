@@ -116,11 +116,6 @@ class McapSink:
             max((chunk.message_end_time for chunk in self._chunks), default=0),
         )
 
-    @property
-    def unwritten(self) -> int:
-        """Messages that were taken but could not be written: the disk was full or failed."""
-        return sum(self._taken.values()) - self.message_counts.total()
-
     def add_channel(self, topic: str, typename: str, qos: Qos = STATE) -> int:
         """Announce a topic; return the channel number under which its messages are written.
 

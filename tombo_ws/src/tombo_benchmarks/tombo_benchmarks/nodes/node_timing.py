@@ -38,7 +38,7 @@ def running_suite() -> Iterator[tuple[RunningSuite, Path]]:
             load_scenario(),
             0,
             Path(folder) / "suite",
-            {"output": str(bag)},
+            {"single_file": str(bag)},
             domain=free_domain(os.getpid(), udp_ports()),
         )
         with RunningSuite(config) as suite:

@@ -1,0 +1,108 @@
+"""The `metadata.yaml` of a rosbag2 bag folder, version 9 (ROS 2 Jazzy)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tombo_bag.qos import Qos
+from tombo_bag.schemas import type_hash
+from tombo_dynamics.yaml_text import parse_yaml
+
+VERSION = 9
+FILE_NAME = "metadata.yaml"
+
+
+@dataclass(frozen=True)
+class TopicEntry:
+    """One topic of a bag: name, message type, what its publisher offered, number of messages."""
+
+    name: str
+    typename: str
+    qos: Qos
+    messages: int
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """One file of a bag: name in the folder, log times of first and last message, their number."""
+
+    name: str
+    first_ns: int
+    last_ns: int
+    messages: int
+
+
+def write_metadata(
+    folder: Path,
+    files: Sequence[FileEntry],
+    topics: Sequence[TopicEntry],
+    custom: Mapping[str, str],
+) -> None:
+    """Write `metadata.yaml`, whole or not at all.
+
+    Args:
+        folder: of the bag.
+        files: in order.
+        topics: of the whole bag.
+        custom: further values, free of choice.
+    """
+    filled = [file for file in files if file.messages]
+    first_ns = min((file.first_ns for file in filled), default=0)
+    last_ns = max((file.last_ns for file in filled), default=0)
+    information = {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        **_span(first_ns, last_ns),
+        "message_count": sum(file.messages for file in files),
+        "topics_with_message_count": [_topic(topic) for topic in topics],
+        # chunks inside the files are compressed, which is no concern of rosbag2's
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [
+            {
+                "path": file.name,
+                **_span(file.first_ns, file.last_ns),
+                "message_count": file.messages,
+            }
+            for file in files
+        ],
+        "custom_data": dict(custom) or None,
+        "ros_distro": "jazzy",
+    }
+    text = yaml.safe_dump(
+        {"rosbag2_bagfile_information": information}, sort_keys=False, allow_unicode=True
+    )
+    unfinished = folder / f".{FILE_NAME}"
+    try:
+        unfinished.write_text(text, encoding="utf-8")
+        os.replace(unfinished, folder / FILE_NAME)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise
+
+
+def _topic(topic: TopicEntry) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.typename,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": parse_yaml(topic.qos.as_yaml(), topic.name),
+            "type_description_hash": type_hash(topic.typename),
+        },
+        "message_count": topic.messages,
+    }
+
+
+def _span(first_ns: int, last_ns: int) -> dict[str, Any]:
+    return {
+        "duration": {"nanoseconds": last_ns - first_ns},
+        "starting_time": {"nanoseconds_since_epoch": first_ns},
+    }
