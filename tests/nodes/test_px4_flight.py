@@ -69,7 +69,7 @@ def test_the_summary_says_what_px4_did(flown):
     assert px4["armed_duration_s"] > px4["offboard_duration_s"] > 0.0
     assert px4["armed_s"] + px4["armed_duration_s"] < figures["duration_s"], "not disarmed"
     texts = [text for _, text in px4["status_texts"]]
-    assert "take-off detected" in texts and "disarmed by landing" in texts
+    assert "Takeoff detected" in texts and "Disarmed by landing" in texts
     # the clock of the simulated PX4 began with it; ours long before
     assert px4["time_offset_ns"] > 10**18
     assert px4["messages_in"] > 3_000 and px4["messages_out"] > 500
@@ -134,7 +134,7 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
     summary = json.loads(out)
     px4 = summary["px4"]
     assert summary["interrupted"] and "land" in [mode for _, mode in px4["modes"]]
-    assert px4["status_texts"][-1][1] == "disarmed by landing"
+    assert px4["status_texts"][-1][1] == "Disarmed by landing"
     assert "landing; Ctrl-C again leaves it to PX4" in err and "still armed" not in err
     assert summary["died"] == {} and summary["landed"]
 

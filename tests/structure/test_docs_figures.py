@@ -49,7 +49,10 @@ FIGURES: Final = {
         (EVIDENCE, r"crashes (\d+) times at 1.5 m/s"),
     ),
     "CrazyPAD: in a set, wrong": (
-        (f"{DOCS}/diagnosis_benchmarks.md", r"--left-out` \| 10 \| 0 \| (\d+) \| (\d+) \|"),
+        (
+            f"{DOCS}/diagnosis_benchmarks.md",
+            r"ten conditions, `--healthy` \| 10 \| 0 \| (\d+) \| (\d+) \|",
+        ),
         (f"{DOCS}/changed.md", r"nine others: (\d+) right \(all in a set\), (\d+) wrong"),
         (EVIDENCE, r"Crazyflie, (\d+) are right in a set.*?and (\d+) are wrong"),
     ),

@@ -36,7 +36,7 @@ def test_over_px4_the_collision_is_recovered_from_as_in_the_headless_flight(tmp_
     assert flown["estimate_error_max_m"] < 0.02
     assert flown["landed"] and flown["disarmed"]
     words = " ".join(text for _, text in flight.texts)
-    assert "disarmed by landing" in words
+    assert "Disarmed by landing" in words
     assert "fail-safe" not in words and "failure" not in words
 
 

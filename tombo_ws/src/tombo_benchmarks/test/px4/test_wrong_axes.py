@@ -71,7 +71,9 @@ def test_without_being_carried_there_is_no_proof(by_hand):
 def test_every_wrong_set_up_is_named_by_a_motion_by_hand(by_hand, name):
     wrong = WRONG_AXES[name]
     verdict = judged(by_hand, wrong.make)
-    assert verdict.sure and wrong.word in verdict.mistake
+    assert wrong.word in verdict.mistake and not verdict.proven
+    # no rotation of axes explains these: one message has both
+    assert verdict.sure == (wrong.word not in ("w first", "inverse"))
 
 
 @pytest.mark.slow

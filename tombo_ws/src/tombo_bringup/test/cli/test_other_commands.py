@@ -81,7 +81,7 @@ def test_help(tombo, arguments):
     assert result.err == ""
 
 
-@pytest.mark.parametrize("group", ["propeller", "vehicle"])
+@pytest.mark.parametrize("group", ["check", "lab", "vehicle"])
 def test_a_group_without_a_command_says_what_there_is(tombo, group):
     result = tombo(group)
     assert "Usage: tombo" in result.out and result.err == ""

@@ -388,9 +388,8 @@ def _swings(m: CrashMotion) -> Iterator[Sign]:
     beyond = np.column_stack(
         [tilting > BEYOND * tilted] * 2 + [turned[:, 2] > BEYOND * asked[:, 2]]
     )
-    beyond[:, 2] &= np.isfinite(
-        m.course[:, 2]
-    )  # a heading may be asked for that is not in the log
+    # a heading that is not in the log may be asked for; it does not tilt the vehicle
+    beyond[:, 2] &= np.isfinite(m.course[:, 2]) | (tilting > _SWING)
     swing *= beyond
     if rates.any():
         yield from _swinging(m, "the body's rate", swing, _SWING)

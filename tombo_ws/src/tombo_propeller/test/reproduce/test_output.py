@@ -11,7 +11,7 @@ import pytest
 from tombo_benchmarks.docs.markdown import marked
 from tombo_benchmarks.docs.tables import claims_markdown
 from tombo_bringup.cli.main import run
-from tombo_flight.report import paper_values as flown
+from tombo_flight.report.figures import BY_KEY
 from tombo_propeller.reproduce.page import REPRODUCTION_FILES, with_unit
 from tombo_propeller.reproduce.paper_values import read_paper
 from tombo_propeller.reproduce.plots import FIGURES
@@ -91,13 +91,13 @@ def test_flight_figures_are_those_of_the_readme_and_the_flight_report() -> None:
         unit = name.rpartition("_")[2]
         assert f"| {campaign[name]} {unit} ({campaign[f'{name}_range']})" in readme
     for name, value in (
-        ("collision_point_m", flown.COLLISION_POINT_M),
-        ("response_point_m", flown.EQUILIBRIUM_POINT_M),
+        ("collision_point_m", BY_KEY["x_c_m"].paper),
+        ("response_point_m", BY_KEY["x_r_m"].paper),
     ):
         assert tuple(p.value for p in paper.point("flight", name)) == value
-    assert paper.number("flight", "bounce_m").value == flown.BOUNCE_DISTANCE_M
-    assert paper.number("flight", "unstable_s").value == flown.UNSTABLE_PHASE_S
-    assert paper.number("flight", "falls_m").value == flown.MEAN_MAX_FALLING_DISTANCE_M
+    assert paper.number("flight", "bounce_m").value == BY_KEY["bounce_m"].paper
+    assert paper.number("flight", "unstable_s").value == BY_KEY["unstable_phase_s"].paper
+    assert paper.number("flight", "falls_m").value == BY_KEY["max_falling_distance_m"].paper
 
 
 def test_values_are_written_with_their_unit() -> None:
