@@ -12,7 +12,6 @@ import itertools
 import math
 import os
 import re
-import signal
 import sys
 import threading
 import time
@@ -607,23 +606,6 @@ def test_node_killed_and_restarted(suite: Suite, name: str, observer: str, key: 
         if name in ("reaction", "detector", "mission") and knew_position:
             assert lowest(states) > HEIGHT - 0.2, "it holds"
     suite.settle_or_begin_again()
-
-
-def test_node_stopped_and_continued(suite: Suite) -> None:
-    """What a node sends after a standstill does not turn the rotors of a vehicle that is down."""
-    suite.settle()
-    estimator = suite.nodes["estimator"].process
-    estimator.send_signal(signal.SIGSTOP)
-    try:
-        suite.report("controller", "blind")
-        states = suite.wait(10.0)
-    finally:
-        estimator.send_signal(signal.SIGCONT)
-    with in_time():
-        assert min(state.twist.twist.linear.z for state in states) > -0.6
-        assert lowest(states) < 0.3
-    assert max(state.pose.pose.position.z for state in suite.wait(3.0)) < 0.3, "it flew again"
-    suite.new_flight()
 
 
 def test_simulator_killed_and_restarted(suite: Suite) -> None:

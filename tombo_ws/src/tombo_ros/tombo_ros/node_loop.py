@@ -309,12 +309,14 @@ class LoopNode(ABC):
     def destroy(self) -> None:
         """Take the node off the graph, so that nobody waits for it.
 
-        Its last messages arrive first: DDS forgets what a publisher has sent when it ends.
+        The last messages of latched topics arrive first: DDS forgets the messages of a publisher
+        that ends. Streams are not waited for: they are acknowledged half a second later.
         """
         self._stopping = True
         end_s = time.monotonic() + _ACKNOWLEDGED_S
         for publisher in self._publishers:
-            publisher.wait_for_all_acked(end_s - time.monotonic())
+            if publisher.spec.qos.durability == "transient_local":
+                publisher.wait_for_all_acked(end_s - time.monotonic())
         if self._services.is_alive():
             self._executor.wake()
             self._services.join(timeout=1.0)
