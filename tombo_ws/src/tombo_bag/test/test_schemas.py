@@ -91,25 +91,3 @@ def test_unknown_type_is_named_with_the_nearest_known_one():
 def test_text_that_is_no_definition_is_refused():
     with pytest.raises(InputError, match=r"a/msg/B.*{y}"):
         schemas.parse_schema("a/msg/B", "float64 x\n{y} 3\n")
-
-
-def test_types_of_installed_packages_are_learned(tmp_path, monkeypatch):
-    folder = tmp_path / "prefix" / "share" / "my_msgs" / "msg"
-    folder.mkdir(parents=True)
-    (folder / "Part.msg").write_text("# a part\nuint8 KIND=3\nfloat64 x 1.5\n")
-    (folder / "Whole.msg").write_text("std_msgs/Header header\nPart[<=2] parts\nstring<=9 name\n")
-    (folder / "Broken.msg").write_text("{y} 3\n")
-    (folder / "Lacking.msg").write_text("your_msgs/Thing thing\n")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
-    with pytest.raises(InputError, match="my_msgs/msg/Broken"):
-        schemas.load_installed_type("my_msgs/msg/Broken")
-    with pytest.raises(InputError, match=r"type in my_msgs/msg/Lacking 'your_msgs/msg/Thing'"):
-        schemas.load_installed_type("my_msgs/msg/Lacking")
-    for name in ("my_msgs/srv/Ask_Event", "my_msgs/msg/../Part", "Part", ""):
-        with pytest.raises(InputError, match="unknown message type"):
-            schemas.load_installed_type(name)
-    schemas.load_installed_type("my_msgs/msg/Whole")
-    assert {"my_msgs/msg/Whole", "my_msgs/msg/Part"} <= schemas.known_types().keys()
-    text = schemas.schema_text("my_msgs/msg/Whole")
-    assert "MSG: my_msgs/Part\n" in text and "MSG: std_msgs/Header\n" in text
-    assert schemas.type_hash("my_msgs/msg/Whole").startswith("RIHS01_")

@@ -57,9 +57,9 @@ def mocap(
     if poses.file is None:
         log = _listen(poses.seconds, domain.domain)
     else:
-        from tombo_logs.readers.log_reader import read_logs
+        from tombo_logs.readers.log_reader import read_single_log
 
-        (log,) = read_logs([poses.file], mapping=reading.mapping, names=reading.names)
+        log = read_single_log(poses.file, reading.mapping, reading.names)
     quality = check_mocap(log)
     if shown.as_json:
         print(json.dumps({**_mapping(quality), "source": log.source}, indent=1))
@@ -97,11 +97,9 @@ def _listen(seconds: float, domain: int | None) -> Flight:
 
     from tombo_bag.flight import Flight, Series
     from tombo_dynamics.time_base import SECOND_NS
-    from tombo_flight.suite.nodes import local_discovery
+    from tombo_flight.suite.nodes import discovery_environment
 
-    environment = {**os.environ, **local_discovery(os.environ)}
-    if domain is not None:
-        environment["ROS_DOMAIN_ID"] = str(domain)
+    environment = discovery_environment(os.environ, domain)
     sys.stderr.write(f"listening to /mocap/pose for {seconds:g} s\n")
     words = ["-m", "tombo_mocap.pose_listener_node", str(seconds)]
     run = subprocess.run(

@@ -67,10 +67,8 @@ def run(
     """
     on_progress(f"reading {log.name}", 0.0)
     from tombo_diagnosis.crash.reason import why as why_of
-    from tombo_logs.readers.log_reader import read_logs
+    from tombo_logs.readers.log_reader import read_single_log
 
-    flights = read_logs([log], mapping=mapping, names=names)
-    if len(flights) > 1:
-        raise InputError(f"'{log}' holds {len(flights)} logs; accepted: one")
+    flight = read_single_log(log, mapping, names)
     on_progress("looking for what went wrong", 0.5)
-    return why_of(flights[0])
+    return why_of(flight)

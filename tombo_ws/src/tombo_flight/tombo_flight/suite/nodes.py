@@ -121,7 +121,18 @@ def node_environment(
         folder: of ROS's own log files.
         domain: ROS_DOMAIN_ID; None: that of `base`.
     """
-    chosen = {"ROS_LOG_DIR": str(folder), **base, **local_discovery(base), "PYTHONUNBUFFERED": "1"}
+    discovery = discovery_environment(base, domain)
+    return {"ROS_LOG_DIR": str(folder), **discovery, "PYTHONUNBUFFERED": "1"}
+
+
+def discovery_environment(base: Mapping[str, str], domain: int | None = None) -> dict[str, str]:
+    """Return the environment of a process that finds the nodes of this machine.
+
+    Args:
+        base: that of this process.
+        domain: ROS_DOMAIN_ID; None: that of `base`.
+    """
+    chosen = {**base, **local_discovery(base)}
     if domain is not None:
         chosen["ROS_DOMAIN_ID"] = str(domain)
     return chosen

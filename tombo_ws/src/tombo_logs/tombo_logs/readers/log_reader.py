@@ -58,6 +58,20 @@ def read_logs(
     return logs
 
 
+def read_single_log(
+    path: Path, mapping: Path | str | None = None, names: Mapping[str, str] | None = None
+) -> Flight:
+    """Read the only flight of a path; arguments as of `read_logs`.
+
+    Raises:
+        InputError: as `read_logs`, or it is a folder of several.
+    """
+    flights = read_logs([path], mapping, names)
+    if len(flights) > 1:
+        raise InputError(f"'{path}' holds {len(flights)} logs; accepted: one")
+    return flights[0]
+
+
 def read_log(
     path: Path,
     name: str,

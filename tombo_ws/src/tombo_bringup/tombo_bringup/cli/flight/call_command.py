@@ -28,14 +28,12 @@ def call(given: _Request, domain: Domain, shown: Shown) -> None:
     takeoff, hold, land and abort ask the mission; kill switches the rotors off wherever the
     vehicle is. Over PX4 hold, land, abort and kill ask PX4 itself. No installed ROS is needed.
     """
-    from tombo_flight.suite.nodes import local_discovery
+    from tombo_flight.suite.nodes import discovery_environment
 
     request = given.request
     if request not in REQUESTS:
         raise unknown_name("request", request, REQUESTS)
-    environment = {**os.environ, **local_discovery(os.environ)}
-    if domain.domain is not None:
-        environment["ROS_DOMAIN_ID"] = str(domain.domain)
+    environment = discovery_environment(os.environ, domain.domain)
     words = ["-m", "tombo_flight.suite.call_node", request, *(["--json"] if shown.as_json else [])]
     sys.stdout.flush()
     os.execve(sys.executable, [sys.executable, *words], environment)
