@@ -103,18 +103,22 @@ class MocapNode(LoopNode):
                 self._pose_ns = self._frame_ns
 
     def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
-        """Say what is wrong."""
+        """Report faults; a text is made only for one that lasts: this runs at 1 kHz."""
         mono_ns = time.monotonic_ns()
-        params, names = self._params, sorted(self._poses.names)
-        frames = mono_ns - max(self._frame_ns, self._began_ns) < _SILENT_NS
-        source = params.topic if params.system == ROS else f"{params.system} {params.host}".strip()
-        why = f": {self._source.fault}" if self._source.fault else ""
-        self.health.fault("no_frames", not frames, f"nothing from {source}{why}", ERROR)
-        lost = frames and mono_ns - max(self._pose_ns, self._began_ns) > _SILENT_NS
-        wanted = f"'{params.body}'" if params.body else "exactly one rigid body"
-        text = f"{wanted} is not seen; seen: {', '.join(names) or 'none'}"
-        self.health.fault("body_lost", lost, text, ERROR)
+        silent = mono_ns - max(self._frame_ns, self._began_ns) > _SILENT_NS
+        lost = not silent and mono_ns - max(self._pose_ns, self._began_ns) > _SILENT_NS
+        self.health.fault("no_frames", silent, self._silence() if silent else "", ERROR)
+        self.health.fault("body_lost", lost, self._loss() if lost else "", ERROR)
         super().periodic_tasks(wall_ns, now_ns)
+
+    def _silence(self) -> str:
+        params, why = self._params, self._source.fault
+        source = params.topic if params.system == ROS else f"{params.system} {params.host}".strip()
+        return f"nothing from {source}{f': {why}' if why else ''}"
+
+    def _loss(self) -> str:
+        wanted = f"'{self._params.body}'" if self._params.body else "exactly one rigid body"
+        return f"{wanted} is not seen; seen: {', '.join(sorted(self._poses.names)) or 'none'}"
 
     def report(self, now_ns: int) -> None:
         """Add the counters of poses."""
