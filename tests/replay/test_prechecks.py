@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from tombo_flight.replay.prechecks import check_poses
+from tombo_flight.replay.prechecks import check_poses, find_up_axis
 from tombo_flight.replay.recorded import PoseTrack
 
 
@@ -148,3 +149,17 @@ def test_a_mistake_is_one_finding(flight, change, words):
     found = only(change(flight))
     for word in words:
         assert word in found
+
+
+@pytest.mark.parametrize("tilt_rad", [0.0, 0.1])
+@pytest.mark.parametrize("length_s", [3.0, 20.0])
+def test_a_body_that_is_carried_about_tells_no_axis(length_s, tilt_rad):
+    t = np.arange(0.0, length_s, 0.02)
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        away = 1.0 - np.cos(2.0 * np.pi * t / length_s)
+        position = away[:, None] * [1.0, 0.5, 0.1] + [0.0, 0.0, 1.0]
+        rate, phase = rng.uniform(1.0, 4.0, 3), rng.uniform(0.0, 6.3, 3)
+        turn = [tilt_rad, tilt_rad, 0.3] * np.sin(rate * t[:, None] + phase)
+        attitude = Rotation.from_rotvec(turn).as_quat()
+        assert find_up_axis(t, position, attitude) == []

@@ -19,6 +19,8 @@ _CLIMB_M = 0.3
 _USUAL = 0.85
 """Share of the accelerations that is looked at; the rest are strikes."""
 _CLEARER = 1.7
+_FLIES = 0.3
+"""Correlation of horizontal acceleration with g tan(tilt), above which the tilt makes it."""
 _MOVING = 0.15
 """m/s^2: below, the vehicle has hardly moved and tilt tells nothing."""
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -36,26 +38,27 @@ def find_up_axis(time_s: Array, position: Array, attitude: Array) -> list[str]:
     if np.median(upright) < 0.0:
         return ["base_link z points down: attitudes of a z-down body (NED, FRD)?"]
     climbs = [axis for i, axis in enumerate("xyz") if _climbs(position[:, i])]
-    misfit = _misfits(time_s, position, attitude)
-    if "z" in climbs:
+    means = _slot_means(time_s, position, attitude)
+    if "z" in climbs or means is None:
         return []
+    misfit = {axis: _misfit(*means, axis) for axis in _AXES}
     if not climbs:
-        return _from_tilt_alone(misfit)
-    axis = climbs[0] if misfit is None else min(climbs, key=lambda name: misfit[name])
+        return _from_tilt_alone(*means, misfit)
+    axis = min(climbs, key=lambda name: misfit[name])
     where = f"axis {axis} looks like up: the flight begins and ends lowest on {axis}, not on z"
-    if misfit is not None and misfit[axis] > misfit["z"] / _CLEARER:
+    if misfit[axis] > misfit["z"] / _CLEARER:
+        if not _flies(*means, axis, "z"):
+            return []
         return [f"{where}; but tilt does not agree: position and attitude in different axes?"]
-    agrees = "" if misfit is None else ", and tilt agrees"
-    motive = " (OptiTrack Motive: set the streamed up axis to Z)"
-    return [where + agrees + motive]
+    return [f"{where}, and tilt agrees (OptiTrack Motive: set the streamed up axis to Z)"]
 
 
-def _from_tilt_alone(misfit: dict[str, float] | None) -> list[str]:
+def _from_tilt_alone(acceleration: Array, attitude: Array, misfit: dict[str, float]) -> list[str]:
     """Return a finding for a flight that neither begins nor ends on the ground."""
-    if misfit is None:
-        return []
     axis = min(misfit, key=lambda name: misfit[name])
     if axis == "z" or misfit["z"] < max(_CLEARER * misfit[axis], _MOVING):
+        return []
+    if not _flies(acceleration, attitude, axis, axis):
         return []
     return [f"axis {axis} looks like up: only so does tilt agree with the accelerations"]
 
@@ -72,8 +75,11 @@ def _climbs(height: Array) -> bool:
     )
 
 
-def _misfits(time_s: Array, position: Array, attitude: Array) -> dict[str, float] | None:
-    """Return for each axis as up: usual acceleration across the body's up axis."""
+def _slot_means(time_s: Array, position: Array, attitude: Array) -> tuple[Array, Array] | None:
+    """Return means over `_STEP_S`: (N, 3) accelerations [m/s^2], (N, 3, 3) body axes in map.
+
+    None: the track is too short, or has too many gaps.
+    """
     count = int((time_s[-1] - time_s[0]) / _STEP_S)
     if count < _LEAST_SAMPLES:
         return None
@@ -89,18 +95,26 @@ def _misfits(time_s: Array, position: Array, attitude: Array) -> dict[str, float
 
     where = means(position)
     acceleration = (where[2:] - 2.0 * where[1:-1] + where[:-2]) / _STEP_S**2
-    found: dict[str, float] = {}
-    for name, axis in _AXES.items():
-        up = np.array(axis)
-        body_up = means(body_to_map(attitude, up))[1:-1]
-        force = acceleration + GRAVITY * up
-        across = force - np.sum(force * body_up, axis=1)[:, None] * body_up
-        size = np.linalg.norm(across, axis=1)
-        size = size[np.isfinite(size)]
-        if not len(size):
-            return None
-        found[name] = float(np.quantile(size, _USUAL))
-    return found
+    axes = [means(body_to_map(attitude, np.array(axis)))[1:-1] for axis in _AXES.values()]
+    known = np.isfinite(acceleration).all(axis=1)
+    return (acceleration[known], np.stack(axes, axis=1)[known]) if known.any() else None
+
+
+def _misfit(acceleration: Array, body_axes: Array, axis: str) -> float:
+    """Return the usual specific force across the body's up axis, with this axis up [m/s^2]."""
+    body_up = body_axes[:, "xyz".index(axis)]
+    force = acceleration + GRAVITY * np.array(_AXES[axis])
+    across = force - np.sum(force * body_up, axis=1)[:, None] * body_up
+    return float(np.quantile(np.linalg.norm(across, axis=1), _USUAL))
+
+
+def _flies(acceleration: Array, body_axes: Array, position_up: str, body_up: str) -> bool:
+    """Tell whether the body accelerates by its tilt; a body that is carried about does not."""
+    level = np.delete(acceleration, "xyz".index(position_up), axis=1)
+    k = "xyz".index(body_up)
+    tilt = np.arccos(np.clip(body_axes[:, k, k], -1.0, 1.0))
+    size, by_tilt = np.linalg.norm(level, axis=1), GRAVITY * np.tan(tilt)
+    return float(np.corrcoef(size, by_tilt)[0, 1]) > _FLIES if np.ptp(by_tilt) > 0.0 else False
 
 
 _UNIT = 1e-3
