@@ -61,7 +61,7 @@ class Score:
     excited: bool
     """False: these flights can't show it."""
     remark: str = ""
-    """Why it was not excited, or what it can't be distinguished from."""
+    """Why it was not excited, or the causes that look the same."""
     detectable: Detectable | None = None
     """The smallest change that these data would have shown; None: not known."""
 
@@ -173,7 +173,7 @@ class Diagnosis:
     verdict: str
     """One of VERDICTS."""
     causes: tuple[Cause, ...]
-    """named: up to three; partly_explained: what is part of it; set: the members, most probable
+    """named: up to three; partly_explained: its members; set: the members, most probable
     first; else empty."""
     set: tuple[str, ...]
     """Names of the members where the data can't tell; else empty."""
@@ -197,7 +197,7 @@ class Diagnosis:
     seconds: float = 0.0
     """Run time after loading."""
     changed: tuple[Change, ...] = ()
-    """Of a comparison with healthy flights: named: what has changed; set: its members."""
+    """Of a comparison with healthy flights: named: the change; set: its members."""
     leftover: Leftover | None = None
     """unknown, partly_explained: the unexplained force and moment; else None."""
     controller: ControllerReport | None = None

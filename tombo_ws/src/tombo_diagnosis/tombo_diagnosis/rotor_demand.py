@@ -1,4 +1,4 @@
-"""What is asked of four rotors: thrust by drive channel, its parts, and its spread in health."""
+"""The demand of four rotors: thrust by drive channel, its parts, and its spread in health."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ law, which Reynolds' number and bending blades change (1.8 for the suite's prope
 MODES: Final = np.array([[1.0, 1, 1, 1], [-1, 1, 1, -1], [-1, 1, -1, 1], [1, 1, -1, -1]]) / 4.0
 """Collective, roll, pitch and yaw part of four numbers in the order of ROTOR_NAMES."""
 HOVER_SPEED: Final = 1000.0
-"""rad/s that stands for hover where only thrust counts: speeds are a way to write it."""
+"""rad/s, taken as the hover speed where only thrust counts: speeds are a way to write it."""
 SESSION_MODES: Final = (0.028, 0.006, 0.011, 0.049)
 """Spread of demand between sessions before any flight is seen, of logarithms: part of all rotors,
-roll, pitch, yaw. Learnt, with `SESSION_DEGREES`, from 14 healthy sessions of four Crazyflies of
-three laboratories (maximum of the posterior of a Student's t, sessions of a vehicle together)."""
+roll, pitch, yaw. Fitted, with `SESSION_DEGREES`, to 14 healthy sessions of four Crazyflies of
+three laboratories: maximum of the posterior of a Student's t."""
 SESSION_DEGREES: Final = 5.0
 """Degrees of freedom of that t: how much the spread as a whole differs between vehicles."""
 SESSION_ROTOR: Final = 0.003
 """The same spread of a single rotor."""
 SESSION_SCATTER: Final = math.hypot(SESSION_ROTOR, *SESSION_MODES[1:])
-"""The same of a rotor, but for what all rotors do together."""
+"""The same of a rotor, without the common part of all rotors."""

@@ -69,7 +69,7 @@ def compare_parameters(
     off = size = 0.0
     covered = []
     fitted = {f.name: f for f in cause.theta}
-    for p in problem.columns.parameters:
+    for p in problem.unknowns.parameters:
         if p.effect != cause.effect:
             continue
         found, nominal = fitted.get(p.name), float(problem.theta[p.index])

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.crash.reason import judged, why, why_mapping
+from tombo_diagnosis.crash.reason import name_cause, why, why_mapping
 from tombo_diagnosis.crash.signs import Sign
 from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.errors import InputError
@@ -125,9 +125,9 @@ def test_what_the_checks_doubt_is_said_and_stated_lower():
 
 def test_what_follows_an_impact_is_no_cause():
     line = [Sign(5.0, "impact", ""), Sign(5.02, "position", "", np.inf)]
-    assert judged(line)[0] == "unknown"
+    assert name_cause(line)[0] == "unknown"
     line = [Sign(4.0, "position", "", np.inf), Sign(5.0, "impact", "")]
-    assert judged(line)[:2] == ("loss_of_position", 4.0)
+    assert name_cause(line)[:2] == ("loss_of_position", 4.0)
 
 
 def test_a_log_without_positions_is_refused():

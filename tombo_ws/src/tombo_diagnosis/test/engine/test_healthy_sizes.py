@@ -35,7 +35,7 @@ class Linear:
         parameters = tuple(
             replace(p, tolerance_inflation=self.tolerance_inflation) for p in (MASS, SHIFT)
         )
-        self.columns = Unknowns(parameters, (0, 1), draw_inflation=self.tolerance_inflation)
+        self.unknowns = Unknowns(parameters, (0, 1), draw_inflation=self.tolerance_inflation)
         self.setting = Setting(4, 0.05, {}, log_prior_cost=self.log_prior_cost)
         self.theta = np.zeros(2)
         weights, values = np.eye(2) / NOISE**2, np.array(self.sizes)
@@ -47,7 +47,7 @@ class Linear:
         return {}
 
     def fit(self, free, widths, start):
-        solution = solve(self.normal, self.columns.deviations(free, widths))
+        solution = solve(self.normal, self.unknowns.deviations(free, widths))
         theta = np.where(np.isin([0, 1], free), solution.mean, 0.0)
         # The tangent stays that of the nominal model, so what is left to do is the solution.
         zero = replace(solution, mean=solution.mean - theta)

@@ -30,7 +30,7 @@ def shown_best(effect):
     """Return the parameter of an effect that shows best; of a stochastic one the first."""
     problem = healthy_problem()
     power = np.diag(problem.normal().matrix)
-    column = {i: power[place] for place, i in enumerate(problem.columns.indices)}
+    column = {i: power[place] for place, i in enumerate(problem.unknowns.indices)}
     own = [p for p in nominal().parameters if p.effect == effect]
     return max(own, key=lambda p: column.get(p.index, 0.0) * p.scale**2)
 
@@ -62,7 +62,7 @@ def is_seen(effect, name, value):
 def analysed(flights, p):
     """Return the causes, and a parameter's value and deviation."""
     tracks = [track_of(log) for log in flights]
-    if p.index not in healthy_problem().columns.indices:
+    if p.index not in healthy_problem().unknowns.indices:
         findings = analyse(tracks, nominal())
         cause = estimate_cause(p.effect, findings, findings.search.best)
         fitted = next((f for f in cause.theta if f.name == p.name), None)
@@ -72,7 +72,7 @@ def analysed(flights, p):
     best = search(problem).best
     if p.index not in best.fit.free:
         return best.effects, math.nan, math.nan
-    (place,) = problem.columns.places([p.index])
+    (place,) = problem.unknowns.places([p.index])
     deviation = math.sqrt(best.fit.solution.covariance[place, place])
     return best.effects, float(best.fit.theta[p.index]), deviation
 
@@ -82,10 +82,10 @@ def test_a_hidden_effect_is_found_with_its_size(effect):
     p = shown_best(effect)
     true = hidden_value(p)
     if REGISTRY[effect].vibration:  # declared to be no cause of motion
-        assert p.index not in healthy_problem().columns.indices
+        assert p.index not in healthy_problem().unknowns.indices
         return
     if not is_seen(effect, p.name, true):
-        assert p.index not in healthy_problem().columns.indices
+        assert p.index not in healthy_problem().unknowns.indices
         return
     causes, value, deviation = analysed(logs({effect: {p.name: true}}), p)
     assert causes[:1] == (effect,)

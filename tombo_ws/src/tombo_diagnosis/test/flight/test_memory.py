@@ -50,7 +50,7 @@ def test_a_load_in_a_slow_flight_is_found_with_its_size():
     best = search(problem).best
     assert best.effects[:1] == ("hanging_load",)
     p = next(p for p in nominal().parameters if p.label == "hanging_load.mass")
-    (place,) = problem.columns.places([p.index])
+    (place,) = problem.unknowns.places([p.index])
     deviation = np.sqrt(best.fit.solution.covariance[place, place])
     assert abs(best.fit.theta[p.index] - MASS) < max(2.5 * deviation, 0.05 * MASS)
 

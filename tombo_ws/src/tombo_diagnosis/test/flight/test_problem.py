@@ -29,9 +29,9 @@ def noisy_rotor_speeds(log, deviation=3.0):
 def freed(problem, label):
     """Mean and deviation of one parameter that alone is free, over its size that matters."""
     place = PLACE[label]
-    column = problem.columns.places((place,))[0]
-    solution = solve(problem.normal(), problem.columns.deviations((place,)))
-    scale = problem.columns.parameters[place].scale
+    column = problem.unknowns.places((place,))[0]
+    solution = solve(problem.normal(), problem.unknowns.deviations((place,)))
+    scale = problem.unknowns.parameters[place].scale
     return solution.mean[column] / scale, solution.covariance[column, column] ** 0.5 / scale
 
 
@@ -49,7 +49,7 @@ def test_noise_of_measured_rotor_speeds_is_no_inertia():
 @pytest.mark.parametrize(("course", "shown"), [(HIGH, False), (LANDING, True)])
 def test_what_shows_now_and_then_only_counts_by_these_moments(course, shown):
     problem = FlightProblem(tracks(sensors="mocap", courses=course), nominal())
-    assert (PLACE["ground_effect.strength"] in problem.columns.identifiable) is shown
+    assert (PLACE["ground_effect.strength"] in problem.unknowns.identifiable) is shown
 
 
 def test_thrust_gain_is_not_penalised_by_noise_of_measured_rotor_speeds():
@@ -73,9 +73,9 @@ def test_no_propeller_is_weaker_than_nothing():
     problem = FlightProblem(tracks(draws=strong), nominal())
     place = PLACE["weak_propeller.front_right"]
     fit = problem.fit((place,), {}, problem.null_hypothesis)
-    column = problem.columns.places((place,))[0]
+    column = problem.unknowns.places((place,))[0]
     loss = fit.theta[place] + fit.solution.mean[column]
-    assert loss > -problem.columns.parameters[place].tolerance
+    assert loss > -problem.unknowns.parameters[place].tolerance
 
 
 def test_draws_that_act_on_a_fitted_load_only_have_no_column():

@@ -35,8 +35,8 @@ def test_a_healthy_stand_has_no_cause(seed):
 
 @pytest.mark.parametrize("name", HAS_MEAN)
 def test_every_effect_is_named_on_a_calibrated_stand(name):
-    columns = StandProblem(stands.read(SETUP, {})).columns
-    own = [p for p in columns.parameters if p.effect == name]
+    unknowns = StandProblem(stands.read(SETUP, {})).unknowns
+    own = [p for p in unknowns.parameters if p.effect == name]
     theta = tuple(p.null + (p.scale if p.null + p.scale <= p.high else -p.scale) for p in own)
     if name in ("torsion_constant", "load_sharing"):
         theta = (0.6,)

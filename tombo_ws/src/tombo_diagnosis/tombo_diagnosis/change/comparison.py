@@ -1,9 +1,9 @@
 """New flights against healthy ones: how likely is each candidate, and none of them.
 
-Flights come in sessions. From one session to the next battery, seat and air move what all rotors
-do together, and the roll, pitch and yaw part of it, more than single rotors; flights of one
-session differ less. A vehicle has few sessions, so both spreads are pooled with those of other
-vehicles, and what is predicted for a further session has the tails of Student's t.
+Flights come in sessions. Between sessions, battery, seat and air change the common part of all
+rotors, and its roll, pitch and yaw parts, more than single rotors; flights of one session differ
+less. A vehicle has few sessions, so both spreads are pooled with those of other vehicles, and the
+prediction for a further session has the tails of Student's t.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str = 
     middle = means.mean(axis=0)
     n, count = len(names), len(healthy)
     prior = np.diag(np.square([0.0] * 4 + list(_SESSION_OTHERS)))
-    modes = 4.0 * MODES.T  # (4, 4): what a part of one does to each rotor
+    modes = 4.0 * MODES.T  # (4, 4): effect of one unit of a part on each rotor
     prior[:4, :4] = (modes * np.square(SESSION_MODES)) @ modes.T + SESSION_ROTOR**2 * np.eye(4)
     moved = means - middle
     apart = moved[:, :4]
@@ -154,8 +154,8 @@ def compare(
         tried: candidates of `signatures.candidates`.
         supply_doubt: standard deviation of the drive curve's supply exponent: flights at another
             voltage than the healthy ones may have the demand of all rotors wrong by it.
-        exponent_doubt: standard deviation of the curve's exponent over its value: what is asked
-            for more is known to that share, but not whether it is.
+        exponent_doubt: standard deviation of the curve's exponent over its value: the size of a
+        larger demand is known to that share, its presence is not.
     """
     now = mean_of(new)
     shift = Features.of(now.vector - spread.mean.vector, now.supply - spread.mean.supply)
@@ -174,7 +174,7 @@ def compare(
         density = log_density(scale, spread.degrees, shift.vector, candidate)
         log = float(logsumexp(density, b=size_prior(candidate)))
         logs.append(log + math.log(_prior(candidate) / total))
-        # what is usual weighs candidates; the size is what these flights say
+        # the usual size weighs candidates; the size is what these flights say
         part = np.exp(density - density.max()) * candidate.volume
         parts.append(part / part.sum())
     highest = max(*logs, nothing)
@@ -198,8 +198,8 @@ def smallest_seen(
 ) -> dict[str, float]:
     """Return label of each candidate asked about -> the smallest of its sizes that would be seen.
 
-    That is the size at which so many flights, at their voltage and otherwise as the healthy ones
-    are, leave less than one half for "nothing has changed". A size that is not tried is infinite.
+    At that size the same number of flights, at their voltage, leave a probability of "no change"
+    below one half. A size that is not tried is infinite.
     """
     supply = mean_of(new).supply
 

@@ -1,4 +1,4 @@
-"""`diagnose_change`: new flights and healthy flights of one vehicle in, what has changed out."""
+"""`diagnose_change`: from new and healthy flights of one vehicle to the change."""
 
 from __future__ import annotations
 
@@ -53,18 +53,18 @@ from tombo_logs.checks.ground import CUT_BEFORE_TAKE_OFF, rises
 _SIZES: Array = np.asarray(np.geomspace(0.004, 0.5, 40), np.float64)
 """Shares of thrust and of mass that are tried."""
 _EQUAL = "thrust_coefficient_error"
-"""What no flight tells from another mass."""
+"""Causes that no flight distinguishes from another mass."""
 NEEDED = ("position",)
 """Channels of which no flight may lack any, besides one of the commands."""
 _CARRIES = 0.5
 """Share of the weight below which rotors lift no vehicle that has hardly changed."""
-_TOLD = (MASS, *(f"{WEAK_PROPELLER}.{rotor}" for rotor in ROTOR_NAMES))
+_REPORTED_SIZES = (MASS, *(f"{WEAK_PROPELLER}.{rotor}" for rotor in ROTOR_NAMES))
 """Candidates of which the smallest size that would be seen is told."""
 
 
 @dataclass(frozen=True)
 class ChangeData:
-    """What the plot needs."""
+    """Data of the plot."""
 
     curve: DriveCurve
     healthy: tuple[Features, ...]
@@ -90,9 +90,9 @@ def diagnose_change(
         sessions: pattern of flights' names -> session, where their dates are not meant.
 
     Raises:
-        InputError: no flight of one side has position and commands and is in the air, new flights
-            do not fly, a pattern of a session fits none, or the flights have no channel of
-            commands in common.
+        InputError: one side has no airborne flight with position and commands; new flights do not
+        fly; a pattern of a session matches no flight; or the flights have no command channel in
+        common.
     """
     began = clock()
     before, after, data, no_use = _read(new, healthy)
@@ -108,7 +108,7 @@ def diagnose_change(
     verdict = judge_change(comparison, most)
     seen: dict[str, float] = {}
     if verdict.verdict == "none":
-        seen = smallest_seen(spread, data.new, tried, supply_doubt, _TOLD)
+        seen = smallest_seen(spread, data.new, tried, supply_doubt, _REPORTED_SIZES)
     findings = (*(f for log in (*new, *healthy) for f in log.findings), *left_out, *no_use)
     shown = verdict.members if verdict.verdict in ("named", "set") else ()
     airframe = new[0].airframe
@@ -150,7 +150,7 @@ def diagnose_change(
 def _read(
     new: Sequence[Flight], healthy: Sequence[Flight]
 ) -> tuple[list[AirborneFlight], list[AirborneFlight], ChangeData, tuple[Finding, ...]]:
-    """Return healthy flights, new ones, what they say, and why others are not among them."""
+    """Return healthy flights, new flights, their features, and why others are left out."""
     (before, no_use), (after, no_use_either) = _usable(healthy), _usable(new)
     drive = _common_drive([*before, *after])
     before, after = ([replace(f, drive=drive) for f in flights] for flights in (before, after))
@@ -163,7 +163,7 @@ def _read(
 
 
 def _controller(new: Sequence[Flight], healthy: Sequence[Flight]) -> ControllerReport | None:
-    """Return what the new flights say of their controller, held against the healthy ones."""
+    """Return the controller findings of the new flights, compared with the healthy flights."""
     before = controller_report(healthy, None)
     expected = () if before is None else before.gains
     return controller_report(new, None, expected, "that of the healthy flights")
@@ -235,7 +235,7 @@ def _changes(
 
 
 def _equal(mass: Change) -> Change:
-    """Return the change of all propellers' thrust that asks for what one of mass asks for."""
+    """Return the thrust change of all propellers with the same commands as a mass change."""
     (share,) = mass.theta
     value, high, low = (1.0 / (1.0 + x) - 1.0 for x in (share.value, share.low, share.high))
     return Change(

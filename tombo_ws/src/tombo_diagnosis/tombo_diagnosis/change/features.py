@@ -1,4 +1,4 @@
-"""What a flight says of its vehicle: demand of each rotor, how it shakes, how it swings."""
+"""Features of a flight that describe its vehicle: demand of each rotor, vibration, oscillation."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _EDGE_S = 0.5
 _SHORTEST_S = 4.0
 """Of a stretch in the air."""
 _BRIDGED_S = 1.0
-"""Length of what is set apart, up to which it cuts no flight in two: poses that jump, a gap."""
+"""Length of an excluded span up to which the flight stays in one part: poses that jump, a gap."""
 _SHAKE_HZ = 10.0
-"""Above it no loop follows: what is left is vibration."""
+"""Above it no loop follows: the remainder is vibration."""
 _SWING_HZ = (0.35, 1.6)
 """Of pendulums of 2 m to 0.1 m."""
 _FLOOR = 1e-6
@@ -53,7 +53,7 @@ class AirborneFlight:
     spans: tuple[tuple[float, float], ...]
     """[s]"""
 
-    def cut(self, series: Series) -> list[Series]:
+    def segments(self, series: Series) -> list[Series]:
         """Return the part of a channel in each span."""
         rows = [(series.t >= b) & (series.t <= e) for b, e in self.spans]
         return [Series(series.t[r], series.values[r]) for r in rows if np.count_nonzero(r) > 20]
@@ -66,19 +66,19 @@ class AirborneFlight:
 
 @dataclass(frozen=True)
 class Features:
-    """What one flight says. NaN: its channels don't say it."""
+    """Features of one flight. NaN: its channels don't say it."""
 
     demand: Array
     """(4,) logarithm of thrust over a quarter of the weight that the healthy drive curve reads."""
     shake: Array
-    """(2,) logarithm of the standard deviation above 10 Hz: of what the rotors are asked for
-    against each other, as a share; of the acceleration [m/s^2]."""
+    """(2,) logarithm of the standard deviation above 10 Hz: of the demand of the rotors against
+    each other, as a share; of the acceleration [m/s^2]."""
     swing: float
     """Logarithm of the horizontal acceleration from 0.35 to 1.6 Hz [m/s^2]."""
     trail: Array
-    """(2,) yaw part of the demand per speed ahead and to the left [s/m]: what drags beside the
-    centre turns the vehicle one way on the way out, the other way on the way back. Without an
-    attitude ahead is map x."""
+    """(2,) yaw part of the demand per speed ahead and to the left [s/m]: drag off the centre turns
+    the vehicle one way on the way out, and the other way on the way back. Without an attitude
+    ahead is map x."""
     supply: float = float("nan")
     """Mean logarithm of the voltage."""
 
@@ -134,7 +134,7 @@ def drive_samples(flight: AirborneFlight) -> DriveSamples:
     Measured speeds give thrust whatever the supply: their voltage is left out.
     """
     series = flight.log.series
-    command = _joined(flight.cut(series[flight.drive]))
+    command = _joined(flight.segments(series[flight.drive]))
     keep = (command.values > 0.0).all(axis=1)
     t, values = command.t[keep], command.values[keep]
     supply = None if flight.drive == "rotor_speed" else _supply(flight, t)
@@ -175,7 +175,7 @@ def _attitude(series: Series, t: Array) -> Rotation:
 def _supply(flight: AirborneFlight, t: Array) -> Array | None:
     """Return the slow part of the voltage at `t`; None: not measured.
 
-    What is faster follows the current, through the battery's resistance: it says what the rotors
+    Faster changes follow the current, through the battery's resistance: it says what the rotors
     took, not what they were given.
     """
     raw = flight.log.series.get("voltage")
@@ -194,20 +194,22 @@ def _supply(flight: AirborneFlight, t: Array) -> Array | None:
 
 
 def features(flight: AirborneFlight, curve: DriveCurve) -> Features:
-    """Return what a flight says, its commands read with the curve of the healthy flights."""
+    """Return a flight's features, with the drive curve of the healthy flights."""
     series, samples = flight.log.series, drive_samples(flight)
     demand = _demand(curve, samples)
     asked = [
         Series(s.t, (np.maximum(s.values, 1e-9) ** curve.exponent) @ MODES[1:].T)
-        for s in flight.cut(series[flight.drive])
+        for s in flight.segments(series[flight.drive])
     ]
     level = float(np.mean(samples.command**curve.exponent))
     acceleration = next((series[n] for n in ("accel", "acceleration") if n in series), None)
     shake = [
         _band(asked, _SHAKE_HZ, 1.0 / level),
-        _band(flight.cut(acceleration), _SHAKE_HZ, 1.0) if acceleration is not None else np.nan,
+        _band(flight.segments(acceleration), _SHAKE_HZ, 1.0)
+        if acceleration is not None
+        else np.nan,
     ]
-    track = [Series(s.t, s.values[:, :2]) for s in flight.cut(series["position"])]
+    track = [Series(s.t, s.values[:, :2]) for s in flight.segments(series["position"])]
     supply = float("nan") if samples.voltage is None else float(np.log(samples.voltage).mean())
     return Features(demand, np.array(shake), _swing(track), _trail(flight, curve), supply)
 
@@ -226,7 +228,7 @@ def _demand(curve: DriveCurve, samples: DriveSamples) -> Array:
 
 def _trail(flight: AirborneFlight, curve: DriveCurve) -> Array:
     series, samples = flight.log.series, drive_samples(flight)
-    command = _joined(flight.cut(series[flight.drive]))
+    command = _joined(flight.segments(series[flight.drive]))
     t = command.t[(command.values > 0.0).all(axis=1)]
     position = series["position"]
     half = 0.5 * _SPEED_S

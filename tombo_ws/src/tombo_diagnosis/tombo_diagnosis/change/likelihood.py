@@ -47,7 +47,7 @@ motors are not linear, and not alike."""
 _ROUGH: Final = 0.43
 """Spread of the logarithm of shake where blades, or their air, are changed."""
 _WEIGHED: Final = 0.14
-"""The same with a weight beside a rotor."""
+"""The same with a weight near a rotor."""
 _DETUNED: Final = 5.3
 """Logarithm of swing per demand: a rotor that gives less than asked for slackens the loops."""
 _SWUNG: Final = 0.51

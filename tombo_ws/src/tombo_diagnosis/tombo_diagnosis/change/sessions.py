@@ -18,7 +18,7 @@ ALIKE = 0.04
 session where nothing says of which: twice that of two flights of one."""
 _DATE = re.compile(r"(?<!\d)(20\d\d)[-_]?([01]\d)[-_]?([0-3]\d)(?!\d{3})")
 _FIRST_NS, _LAST_NS = 10**18, 4 * 10**18
-"""Stamps outside are no dates: 2001 to 2096."""
+"""Stamps outside this range are not dates: 2001 to 2096."""
 
 
 def known_sessions(flights: Sequence[Flight], given: Mapping[str, str]) -> list[str]:
@@ -50,14 +50,14 @@ def healthy_sessions(
     healthy: Sequence[Features],
     given: Mapping[str, str],
 ) -> tuple[list[str], str]:
-    """Return each healthy flight's session, and that which all new ones share with some, or "".
+    """Return each healthy flight's session, and the session of all new flights, or "".
 
-    A day on which the vehicle does not stay the same is no session: its parts are.
+    A day on which the vehicle changes is not a session: its parts are.
 
     Args:
         before: the healthy flights.
         after: the new ones.
-        healthy: what the healthy flights say.
+        healthy: features of the healthy flights.
         given: as `known_sessions`.
     """
     known = known_sessions([*before, *after], given)
@@ -81,7 +81,7 @@ def _date(flight: Flight) -> str:
 
 
 def sessions_by_demand(flights: Sequence[Features]) -> list[str]:
-    """Return a session for each flight: those of which the demand is alike (single linkage)."""
+    """Return a session for each flight: flights of similar demand (single linkage)."""
     left, names = list(range(len(flights))), [""] * len(flights)
     demand = np.array([f.demand for f in flights])
     while left:

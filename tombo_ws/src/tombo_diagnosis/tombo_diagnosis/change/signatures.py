@@ -23,7 +23,7 @@ _STEPS = 6
 WEAK_PROPELLER, ADDED_WEIGHT, HANGING_LOAD = "weak_propeller", "added_weight", "hanging_load"
 UNBALANCE, MASS, CENTRE = "propeller_unbalance", "mass_error", "cog_offset"
 OTHER = "another_cause"
-"""A candidate for what none of the others is."""
+"""A candidate for a change that no other candidate covers."""
 _PAIR_SIZES = 16
 _OTHER_SIZES = (0.03, 0.1, 0.3)
 _CENTRE_ARMS = np.sinh(np.linspace(-3.5, 3.5, 29)) / np.sinh(3.5) * 0.3
@@ -45,7 +45,7 @@ class ChangeCandidate:
     demand: Array
     """(S, 4) change of the logarithm of thrust that the healthy curve reads in hover."""
     volume: Array
-    """(S,) range of sizes that each row stands for."""
+    """(S,) range of sizes of each row."""
 
     @property
     def label(self) -> str:
@@ -56,9 +56,9 @@ class ChangeCandidate:
 def effects_of(
     effect: str, rotor: str, size: float, vehicle: VehicleParams
 ) -> dict[str, dict[str, float]]:
-    """Return what the simulator has to switch on for a candidate of a size.
+    """Return the simulator's effects for a candidate of a size.
 
-    A weight that is taped beside a rotor is mass and centre of gravity.
+    A weight taped near a rotor changes mass and centre of gravity.
     """
     arm, mass = vehicle.arm_length, vehicle.mass
     if effect == WEAK_PROPELLER:

@@ -26,13 +26,13 @@ _LARGEST_SET = 3
 _LIKELY = 0.4
 """Share of a kind's probability from which on its most probable rotor is told."""
 _ALIKE = (WEAK_PROPELLER, ADDED_WEIGHT, HANGING_LOAD)
-"""At the same rotor they ask for the same commands but for a little yaw and collective, which is
-known too badly to name one of them."""
+"""At the same rotor they need the same commands. They differ by a little yaw and collective, which
+are too uncertain to name one of them."""
 
 
 @dataclass(frozen=True)
 class ChangeVerdict:
-    """What is said of new flights."""
+    """Verdict on new flights."""
 
     verdict: str
     """none, named, set or unknown."""
@@ -51,7 +51,7 @@ def most_confident(accused: int, asked: int, spread: Spread) -> float:
     """Return the share of healthy sessions that are not called changed, a bound of confidence.
 
     Args:
-        accused: of `asked` healthy sessions, those that the others call changed.
+        accused: of `asked` healthy sessions, the number that the others call changed.
         asked: sessions; flights, if all are of one.
         spread: of the healthy flights. A single session says nothing of a further one.
     """
@@ -63,8 +63,8 @@ def most_confident(accused: int, asked: int, spread: Spread) -> float:
 def judge_change(comparison: HealthyComparison, most: float) -> ChangeVerdict:
     """Return the verdict.
 
-    `most` (`most_confident`) bounds its confidence; a cause is as probable as its share of what
-    has changed, times that.
+    `most` (`most_confident`) bounds its confidence; the probability of a cause is its share of the
+    change, times that.
     """
     if comparison.none > CHANGED:
         return ChangeVerdict("none", (), min(comparison.none, most))
@@ -186,7 +186,7 @@ def _would_show(seen: Mapping[str, float]) -> str:
 
 
 def notes(spread: Spread, new: Features, accused: int, asked: int) -> tuple[str, ...]:
-    """Return what can't be certified; `accused` of `asked` as for `judge_change`."""
+    """Return the claims that can't be certified; `accused` of `asked` as for `judge_change`."""
     among = (
         "All healthy flights are of one session: how much sessions differ is as of other vehicles"
         if spread.sessions == 1

@@ -24,9 +24,9 @@ from tombo_logs.checks.wind import DRAG_KNOWN, LEAST
 _SAME = 0.5
 """Share of the healthy flights' push within which the new ones have the same wind."""
 _RELEVELLED = 0.2
-"""Standard deviation of what a map that was levelled anew, or a body that was defined anew, looks
-like [m/s^2]: 1.2 deg."""
-_SEEN, _SURE = 2.0, 4.0
+"""Standard deviation of the apparent acceleration after a new levelling of the map, or a new
+definition of the body [m/s^2]: 1.2 deg."""
+_SUSPECTED_SIGMAS, _CERTAIN_SIGMAS = 2.0, 4.0
 """Standard deviations of a difference from which on there may be wind, and from which there is."""
 
 
@@ -86,8 +86,8 @@ class NewWind:
 def new_wind(new: Sequence[Flight], healthy: Sequence[Flight]) -> NewWind | None:
     """Return the wind of the new flights; None: there is none, or the healthy ones have it, too.
 
-    A lean of body, accelerometer or map is the same in both and drops out of their difference, so
-    a wind shows in it that no flight shows alone. `new` and `healthy` are checked.
+    A tilt of body, accelerometer or map is the same in both. It drops out of their difference,
+    which therefore shows the wind. `new` and `healthy` are checked.
     """
     after, before = (
         [p for log in logs if (p := push_in(log)) is not None] for logs in (new, healthy)
@@ -101,10 +101,10 @@ def new_wind(new: Sequence[Flight], healthy: Sequence[Flight]) -> NewWind | None
     doubt = math.hypot(_between_flights(*steady), _RELEVELLED)
     swings = 2 * sum(p.swing > 0.0 for p in after) > len(after)
     swings = swings and not any(p.swing > 0.0 for p in before)
-    if size < max(LEAST, _SEEN * doubt, _SAME * float(np.linalg.norm(old))):
+    if size < max(LEAST, _SUSPECTED_SIGMAS * doubt, _SAME * float(np.linalg.norm(old))):
         return NewWind(None, math.inf) if swings else None
     drag, deviation = drag_shown([*after, *before])
-    if size < _SURE * doubt or not deviation < DRAG_KNOWN * drag:
+    if size < _CERTAIN_SIGMAS * doubt or not deviation < DRAG_KNOWN * drag:
         return NewWind(None, math.inf)
     own_speed = float(np.mean([p.speed for p in (*after, *before)]))
     speed = (now - old) / drag

@@ -17,12 +17,13 @@ from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY, SPIN
 from tombo_logs.checks.spans import block_means
 
 ACTUATORS: Final = "actuators"
-"""What stands for the loop of `thrust_gain`."""
+"""The loop's name in `thrust_gain`."""
 AS_ASKED: Final = LoopGain(ACTUATORS, "z", "gain", "1", 1.0, 1.0, 1.0)
 _BLOCK_S, _FEWEST = 1.0, 4
 """Length and least number of the blocks whose scatter gives the interval."""
 _STRUCTURE: Final = 0.04
-"""Relative standard error of what no log states: a scale's, a barometer's, a falling supply's."""
+"""Relative standard error of values that no log has: a scale's, a barometer's, a falling
+supply's."""
 _T975: Final = 3.2
 """Of Student's distribution with `_FEWEST` - 1 degrees of freedom."""
 _DRAG_ARM: Final = 0.2

@@ -1,4 +1,4 @@
-"""The controller of several flights: gains, what swings, what differs from what is expected."""
+"""The controller of several flights: gains, oscillations, unexpected responses."""
 
 from __future__ import annotations
 
@@ -96,10 +96,10 @@ def controller_report(
     """Return what flights of one controller say of it; None: nothing.
 
     Args:
-        flights: with what the controller estimated and asked for.
+        flights: with the controller's estimates and set points.
         plant: turns rotor speeds into moments; None: a flight's own airframe does.
         expected: gains that the controller should have.
-        compared_with: what has them.
+        compared_with: the channels that have them.
     """
     seen = [(f, s) for f in flights if f.control and (s := control_signals(f, plant)) is not None]
     if not seen:

@@ -16,15 +16,15 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.spans import Mask, runs
 
-_TRIMS, _FAR, _LEAST_KEPT = 4, 4.0, 0.7
+_TRIMS, _OUTLIER_SIGMAS, _LEAST_KEPT = 4, 4.0, 0.7
 """How often, from how many standard deviations on, samples are left out; share kept at least."""
 _SHORTEST_S: Final = 1.0
 _LIMIT: Final = (0.003, 0.005, 0.02)
-"""Share of the time within a share of the largest value from which on that is a limit, and how
-near to it a value is at its limit."""
+"""A value is a limit if the signal is near its largest value for the first share of the time;
+`near` is the second share."""
 _LEAST_ROWS, _ROWS = 100, 6000
 """Samples that are used, at least and about at most."""
-_HELD: Final = 0.6
+_REPEATED_SHARE: Final = 0.6
 """Share of samples that are new below which what is asked for is held between them."""
 _COURSE_S: Final = 0.03
 """s: standard deviation of the Gaussian before a course is differentiated."""
@@ -35,13 +35,13 @@ _STRUCTURE: Final = {"P": 0.04, "D": 0.04, "I": 0.08}
 _BLOCKS: Final = 12
 """Parts of a flight that are left out in turn, for the intervals."""
 _EXPLAINED: Final = 0.7
-"""Share of what a loop asks for that its errors must explain."""
+"""Share of a loop's output that its errors must explain."""
 _KNOWN: Final = 0.25
 """Half an interval over the gain, at most."""
 _CUTOFFS: Final = (60.0, 125.0, 250.0, 500.0)
 """rad/s of the low-pass of a derivative that are tried."""
 _DELAYS: Final = 4
-"""Samples by which stamps of what is asked for may be late or early."""
+"""Samples by which stamps of set points may be late or early."""
 FREEDOM: Final = _BLOCKS - 1
 """Degrees of freedom of an interval."""
 T975: Final = 2.2
@@ -94,7 +94,7 @@ class LoopFit:
     axis: str
     gains: tuple[LoopGain, ...]
     explained: float
-    """Share of what is asked for that its errors explain."""
+    """Share of the output that its errors explain."""
     remark: str = ""
     """Why its gains are not known."""
 
@@ -170,7 +170,10 @@ def _trimmed(xs: Array, ys: Array) -> tuple[Array, Array, float]:
     for _ in range(_TRIMS):
         whole = _solved(xs[kept].T @ xs[kept], xs[kept].T @ ys[kept])
         rest = np.abs(ys - xs @ whole)
-        far = max(_FAR * 1.4826 * float(np.median(rest)), float(np.quantile(rest, _LEAST_KEPT)))
+        far = max(
+            _OUTLIER_SIGMAS * 1.4826 * float(np.median(rest)),
+            float(np.quantile(rest, _LEAST_KEPT)),
+        )
         kept = np.asarray(rest <= far)
     grams = np.array([xs[p][kept[p]].T @ xs[p][kept[p]] for p in parts])
     sides = np.array([xs[p][kept[p]].T @ ys[p][kept[p]] for p in parts])
@@ -191,7 +194,9 @@ def _solved(gram: Array, side: Array) -> Array:
 def _fresh(asked: Array) -> Mask:
     """Return where (N, k) is computed anew; each row if it changes with most."""
     new = np.concatenate([[True], (np.diff(asked, axis=0) != 0.0).any(axis=1)])
-    return new if np.count_nonzero(new) < _HELD * len(new) else np.ones(len(new), np.bool_)
+    return (
+        new if np.count_nonzero(new) < _REPEATED_SHARE * len(new) else np.ones(len(new), np.bool_)
+    )
 
 
 def _best(fits: Sequence[LoopFit]) -> LoopFit:

@@ -21,7 +21,7 @@ _BAND_HZ: Final = (0.9, 20.0)
 _LEAST: Final = 0.8
 """rad/s: standard deviation of rates in the band from which on it is an oscillation."""
 BEYOND: Final = 2.0
-"""Rates in the band over those that the course needs, about both axes together, at least: a
+"""Least ratio of rates in the band to the rates that the course needs, about both axes together: a
 figure-eight is in one axis twice as fast as in the other."""
 _COURSE_HZ: Final = 2.5
 """A course has nothing above it."""
@@ -47,7 +47,7 @@ class Oscillation:
 
     @property
     def text(self) -> str:
-        """What it is, in a sentence without its end."""
+        """Description, as a sentence without its full stop."""
         loop = f"the {self.loop} loop" if self.loop else "a loop (set points are not in the log)"
         return f"{loop} oscillates about {self.axis} at {self.hertz:.1f} Hz, {self.size:.1f} rad/s"
 
@@ -99,8 +99,9 @@ def course_rates(s: ControlSignals) -> Array:
 def _course(s: ControlSignals) -> tuple[Array, int]:
     """Return the course (N, 3), and which of its derivatives is the jerk.
 
-    It is the first of the set points of velocity and position that moves. One of velocity that
-    stays is no feed-forward of the position's. Where none moves, the vehicle is asked to hover.
+    It is the first of the set points of velocity and position that moves. A constant velocity set
+    point is not a feed-forward of the position loop. Where none moves, the vehicle is asked to
+    hover.
     """
     asked = [(s.velocity_asked, 2), (s.position_asked, 3)]
     for course, order in asked:

@@ -1,4 +1,4 @@
-"""What a controller saw and asked for in one flight, on one clock."""
+"""Inputs and set points of a controller in one flight, on one clock."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class DrivePlant:
 
 @dataclass(frozen=True)
 class ControlSignals(EvenFlight):
-    """What a controller saw and asked for; None: not known.
+    """Inputs and set points of a controller; None: not known.
 
     Rows are valid in the air, while drives are within their limits. The channel is gyro.
     """
@@ -81,7 +81,7 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         plant: turns rotor speeds into moments; None: moments are shares of hover's thrust.
     """
     measured, control = _cleaned(log, log.series), _cleaned(log, log.control)
-    # what is asked for, where the log has it
+    # set points, where the log has them
     drive = next((d for d in (*DRIVES[1:], DRIVES[0]) if d in measured), None)
     place = control.get("estimated_position") or measured.get("position")
     fastest = [
@@ -107,7 +107,7 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         return None
     moment, unit = None, ""
     if "torque_setpoint" in control:
-        moment, unit = _held(control["torque_setpoint"], t), "N m"
+        moment, unit = _sample_and_hold(control["torque_setpoint"], t), "N m"
     elif drive is not None:
         usable &= ~_at_limit(measured[drive], t)
         moment, unit = _moment(measured[drive], drive, t, usable, plant, log)
@@ -120,7 +120,7 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         {} if gyro is None else {"gyro": _linear(gyro, t)},
         usable,
         log.name,
-        _optional(control.get("rates_setpoint"), t, _held),
+        _optional(control.get("rates_setpoint"), t, _sample_and_hold),
         there,
         _rotations(control.get("attitude_setpoint"), t, hold=True),
         position,
@@ -128,7 +128,9 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         _optional(control.get("position_setpoint"), t, _arrived),
         _optional(control.get("velocity_setpoint"), t, _arrived),
         _optional(control.get("acceleration_setpoint"), t, _arrived),
-        None if "thrust_setpoint" not in control else _held(control["thrust_setpoint"], t)[:, 0],
+        None
+        if "thrust_setpoint" not in control
+        else _sample_and_hold(control["thrust_setpoint"], t)[:, 0],
         moment,
         unit,
     )
@@ -169,27 +171,31 @@ def _linear(series: Series, t: Array) -> Array:
     return interpolated(t, series.t, series.values)
 
 
-def _held(series: Series, t: Array, arrived: bool = False) -> Array:
+def _sample_and_hold(series: Series, t: Array, arrived: bool = False) -> Array:
     """Return what holds at each time; `arrived`: since it came in, where that is known."""
     known = series.t if series.arrival is None or not arrived else series.arrival
     return held_values(t + 1e-6, known, series.values)
 
 
 def _arrived(series: Series, t: Array) -> Array:
-    return _held(series, t, True)
+    return _sample_and_hold(series, t, True)
 
 
 def _rotations(series: Series | None, t: Array, hold: bool = False) -> Rotation | None:
     if series is None:
         return None
-    return Rotation.from_quat(unit_rows(_held(series, t, True))) if hold else turns_at(series, t)
+    return (
+        Rotation.from_quat(unit_rows(_sample_and_hold(series, t, True)))
+        if hold
+        else turns_at(series, t)
+    )
 
 
 def _at_limit(drive: Series, t: Array) -> Mask:
     top, bottom = drive.values.max(axis=0), drive.values.min(axis=0)
     span = np.maximum(top - bottom, 1e-9)
     out = np.zeros(t.size, np.bool_)
-    values = _held(drive, t)
+    values = _sample_and_hold(drive, t)
     for edge in (top, bottom):
         near = np.abs(values - edge) < 1e-4 * span
         out |= (near & (near.mean(axis=0) > _LIMIT)).any(axis=1)
@@ -199,7 +205,7 @@ def _at_limit(drive: Series, t: Array) -> Mask:
 def _moment(
     drive: Series, name: str, t: Array, usable: Mask, plant: DrivePlant | None, log: Flight
 ) -> tuple[Array | None, str]:
-    values = np.maximum(_held(drive, t), 0.0)
+    values = np.maximum(_sample_and_hold(drive, t), 0.0)
     frame = log.airframe
     if plant is not None and plant.maps is not None and name != "motor_command":
         grid = np.linspace(0.0, float(values.max()), 400)

@@ -70,7 +70,7 @@ class CrashMotion(EvenFlight):
     """(N,) m"""
     speed: Array
     """(N, 3) m/s, map"""
-    lean: Array
+    tilt: Array
     """(N,) rad"""
     force: Array
     """(N, 3) specific force [m/s^2], body"""
@@ -83,7 +83,7 @@ class CrashMotion(EvenFlight):
     learnt: Mask
     """The part from which is learnt what is usual."""
     controlled: ControlSignals | None
-    """What the controller saw and asked for; None: too little."""
+    """Inputs and set points of the controller; None: too little."""
     course: Array
     """(N, 3) body rates that the course needs [rad/s]; about z NaN: no heading is asked for."""
     missing: Array
@@ -133,7 +133,7 @@ def crash_motion(log: Flight) -> CrashMotion:
         rates = np.full_like(rates, np.nan)
     if gyro is not None:
         rates = _smooth(gyro, t, EVENT_WIDTH)
-    lean = np.where(seen, np.arccos(np.clip(up[:, 2, 2], -1.0, 1.0)), np.nan)
+    tilt = np.where(seen, np.arccos(np.clip(up[:, 2, 2], -1.0, 1.0)), np.nan)
     accel = series.get("accel")
     if accel is not None:
         force = _smooth(accel, t, PUSH_WIDTH)
@@ -142,7 +142,7 @@ def crash_motion(log: Flight) -> CrashMotion:
         force[~seen] = np.nan
     rows = np.flatnonzero(flying)
     first, last = int(rows[0]), int(rows[-1])
-    upset = np.flatnonzero(np.nan_to_num(lean) > _UPSET)
+    upset = np.flatnonzero(np.nan_to_num(tilt) > _UPSET)
     last = min(last, int(upset[0])) if upset.size and upset[0] > first + RATE else last
     row = np.arange(t.size)
     settled = min(first + round(_SETTLED_S * RATE), (first + last) // 4)
@@ -156,12 +156,12 @@ def crash_motion(log: Flight) -> CrashMotion:
         course = needed_rates(place, 3, 1.0 / RATE, Rotation.from_matrix(up))
     return CrashMotion(
         t, {"rates": rates, "acceleration": pushed}, seen, log, series, track, place[:, 2], speed,
-        lean, force, demand, flying, even, learnt, controlled, course, missing,
+        tilt, force, demand, flying, even, learnt, controlled, course, missing,
     )  # fmt: skip
 
 
 def _measured(name: str, series: Series) -> Series:
-    """Return what was measured of a channel: no straight lines, no attitudes that are none."""
+    """Return the measured samples of a channel: no straight lines, no attitudes that are none."""
     if name in _MEASURED and series.t.size:
         lines = [(b, e) for b, e in interpolated_spans(series.t, series.values) if e - b > _LINE_S]
         keep = ~inside(series.t, lines)

@@ -25,9 +25,9 @@ CAUSES: Final = {
 }
 """Kind of sign → cause."""
 _BAD: Final = ("upset", "fall", "impact")
-"""What shows that a flight went wrong, and is no cause."""
+"""Signs that a flight failed. They are not causes."""
 _BEFORE: Final = ("turns", "bump")
-"""What comes before those, and says nothing of the cause."""
+"""Signs that come before those, without evidence of the cause."""
 _TUMBLES_S: Final = 1.0
 _TOGETHER_S: Final = 0.25
 """Signs this close began together: the more specific one counts."""
@@ -56,9 +56,9 @@ class Why:
     members: tuple[str, ...]
     """Of a set."""
     timeline: tuple[Sign, ...]
-    """What was seen, in order of time."""
+    """The signs, in order of time."""
     findings: tuple[Finding, ...]
-    """What the checks have against the log."""
+    """Findings of the checks of the log."""
     flight: Flight
     motion: CrashMotion
 
@@ -77,15 +77,15 @@ _DONE_BY_CRASHES: Final = {
 }  # fmt: skip
 """Checks whose faults a crash brings about in a sound log."""
 _MISHAPS: Final = {"poses alone": (10, 4), "more": (9, 0)}
-"""What a log has → real flights with a known mishap, and how many of these leave no sign: 10 of
-air_garage (2024), 9 of crazyswarm2 (up to flight 149). Later flights of both were not looked at
-for these figures."""
+"""Channels of a log → number of real flights with a known mishap, and how many of these leave no
+sign: 10 of air_garage (2024), 9 of crazyswarm2 (up to flight 149). Later flights of both were not
+looked at for these figures."""
 
 
 def _sound(motion: CrashMotion) -> float:
     """Return the confidence that a log without a sign is of a sound flight; even odds before.
 
-    What a mishap would have left in it depends on what the log has.
+    The trace of a mishap depends on the channels of the log.
     """
     more = {"gyro", "accel", *DRIVES} & set(motion.series)
     seen = succession(*_MISHAPS["more" if more else "poses alone"])
@@ -93,7 +93,7 @@ def _sound(motion: CrashMotion) -> float:
 
 
 def why(log: Flight) -> Why:
-    """Say why a flight went wrong: what the checks have against the log, then the signs in it.
+    """Say why a flight went wrong: findings of the checks, then the signs in the log.
 
     Raises:
         InputError: it has no position, is too short, or its poses are of several bodies.
@@ -102,7 +102,7 @@ def why(log: Flight) -> Why:
     motion = crash_motion(log)
     line = signs(motion)
     swing = swing_of(motion)
-    cause, time, members = judged(line)
+    cause, time, members = name_cause(line)
     if cause == "none" and swing is not None:
         line = sorted([*line, swing], key=lambda s: s.time)
         cause, time = CAUSES["oscillation"], swing.time
@@ -124,10 +124,10 @@ def swing_of(motion: CrashMotion) -> Sign | None:
     return None if swing is None else Sign(swing.begin_s, "oscillation", swing.text)
 
 
-def judged(line: list[Sign]) -> tuple[str, float | None, tuple[str, ...]]:
+def name_cause(line: list[Sign]) -> tuple[str, float | None, tuple[str, ...]]:
     """Return cause, time [s] and the members of a set."""
     bad = [s for s in line if s.kind in _BAD]
-    # what is seen with an upset may have caused it; what follows an impact has not
+    # a sign at the time of an upset may be its cause; a sign after an impact is not
     ends = min((s.time + 0.05 * (s.kind != "impact") for s in bad), default=float("inf"))
     causes = [s for s in line if s.kind in _RANK and s.time < ends and _counts(s, bad)]
     if not causes:

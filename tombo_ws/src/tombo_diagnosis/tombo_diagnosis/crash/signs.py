@@ -1,4 +1,4 @@
-"""Signs that something went wrong: each with its time, what it speaks for, and a text."""
+"""Signs that something went wrong: each with its time, its kind, and a text."""
 
 from __future__ import annotations
 
@@ -27,43 +27,43 @@ _STOPPED: Final = 0.8
 """Speed of a rotor over the least that was asked for lately."""
 _LATELY_S: Final = 0.25
 _LASTS_S: Final = 0.08
-"""How long a force or a rotor must stay away from what is asked for."""
-_AGAINST: Final = 0.7
+"""Time for which a force or a rotor must differ from its set point."""
+_OPPOSED_COSINE: Final = 0.7
 """Cosine between turning and the moment asked for, reversed, from which on they disagree."""
 _DIAGONAL: Final = 0.3
 """Least over largest of roll and pitch when it turns about a diagonal."""
-_TURNED: Final = 0.5
+_TURN_RATE_RAD_S: Final = 0.5
 """rad/s within _LASTS_S."""
 _MOMENT: Final = 0.02
 """Part of hover's thrust that is asked for as roll and pitch."""
 _FAR_MORE: Final = 1.8
 """Demand of a rotor over that of the others."""
-_LACK: Final = -0.03
+_THRUST_MISSING: Final = -0.03
 """Thrust beyond what is asked for, over hover's, where a rotor gives none."""
 _LAG_S: Final = 0.12
 """s by which thrust may follow the drives at most."""
-_PUSH: Final = 4.0
+_CONTACT_M_S2: Final = 4.0
 """m/s^2 by which a touch changes the force at least."""
 _SPREAD: Final = 4
 """Rows by which a push is seen early and late in smoothed rates."""
-_BUMP: Final = 0.3
+_CONTACT_M_S: Final = 0.3
 """m/s that a touch changes the velocity at least, seen in poses alone."""
-_CUT: Final = 0.4
+_LANDING_CUT_M: Final = 0.4
 """m above the floor below which motors are stopped to land."""
-_HARD: Final = 1.2
+_HARD_TOUCH_M_S: Final = 1.2
 """m/s downwards at the floor: no landing."""
 _SLIDES_S: Final = 1.2
-_FLAT: Final = 0.0004
-_ASIDE: Final = 0.0012
+_SLIDE_HEIGHT_STD_M: Final = 0.0004
+_SLIDE_PLACE_STD_M: Final = 0.0012
 """m: standard deviations of height and of place over that time when it slides along something."""
 _OFF_GROUND: Final = 0.01
 """m above where it stood."""
-_TOP: Final = 0.004
-"""m below the highest place of the flight: what it slides along is above it."""
+_CEILING_BAND_M: Final = 0.004
+"""m below the highest place of the flight: it slides along a surface above it."""
 _REST_S: Final = 0.5
-_NEAR: Final = 0.002
+_REST_BAND_M: Final = 0.002
 """m about the height at which it rests at the end: a lean of 3 degrees with arms of 46 mm."""
-_RISES: Final = 0.004
+_RISE_M: Final = 0.004
 """m by which it comes down to that height, and leaves it again."""
 _FREE_S: Final = 1.0
 """Time before without the ground, and the longest stay on it: longer is a landing."""
@@ -79,14 +79,14 @@ _UNEVEN: Final = 0.35
 """Standard deviation of half a period, over its mean."""
 _GAP_S: Final = 0.3
 """Poses that are absent or repeated for longer are lost."""
-_LEAP: Final = 0.25
+_POSITION_JUMP_M: Final = 0.25
 """m between two poses beyond what the velocity gives."""
 _SAG: Final = 0.04
 """Share of the voltage below the line that it followed."""
-_LEAN: Final = np.radians(60.0)
-_DROP: Final = 0.12
+_UPSET_TILT_RAD: Final = np.radians(60.0)
+_THRUST_DROP: Final = 0.12
 """Share of thrust that all rotors lack."""
-_ABRUPT: Final = 6.0
+_COMMAND_STEP_RATIO: Final = 6.0
 """Times its usual size that a command changes."""
 
 
@@ -97,8 +97,8 @@ class Sign:
     time: float
     """[s]"""
     kind: str
-    """motor (its speed), rotor (what is missing), contact, oscillation, position, battery,
-    command, kill, off (what stopped the rotors is not known), bump, turns; upset, fall and
+    """motor (its speed), rotor (its missing thrust), contact, oscillation, position, battery,
+    command, kill, off (rotors stopped for an unknown reason), bump, turns; upset, fall and
     impact show that the flight went wrong."""
     text: str
     size: float = 0.0
@@ -135,7 +135,7 @@ def _drives_off(m: CrashMotion) -> Iterator[Sign]:
         if np.nanmax(level[end:], initial=0.0) > 2.0 * OFF:
             continue  # a controller at its limit comes back
         floor = float(np.nanmin(m.height))
-        if m.height[begin] < floor + _CUT:
+        if m.height[begin] < floor + _LANDING_CUT_M:
             continue  # as one lands
         told = {n for n in ("rotor_command", "motor_command") if n in m.series}
         asked = next((m.series[n] for n in told), None)
@@ -211,22 +211,27 @@ def _rotor_lost(m: CrashMotion) -> Iterator[Sign]:
     turned[width:] = rates[width:] - rates[:-width]
     size, push = (np.linalg.norm(x, axis=1) for x in (turned, asked))
     usual, weak = (float(np.percentile(x[m.learnt], 99.5)) for x in (size, push))
-    against = -np.einsum("ni,ni->n", turned, asked) > _AGAINST * size * push
+    against = -np.einsum("ni,ni->n", turned, asked) > _OPPOSED_COSINE * size * push
     both = np.abs(turned).min(axis=1) > _DIAGONAL * np.abs(turned).max(axis=1)
     towards = np.argmin(turned @ MODES[1:3], axis=1)
     helps = np.nan_to_num(m.demand)[np.arange(m.t.size), towards] > 1.05
     lacks = (
-        uniform_filter1d(np.nan_to_num(m.missing, nan=-1.0), width, origin=-(width // 2)) < _LACK
+        uniform_filter1d(np.nan_to_num(m.missing, nan=-1.0), width, origin=-(width // 2))
+        < _THRUST_MISSING
     )
     lost = against & both & helps & lacks & (push > max(_MOMENT, 1.5 * weak))
-    lost &= size > max(_TURNED, 2.0 * usual)
+    lost &= size > max(_TURN_RATE_RAD_S, 2.0 * usual)
     lost |= _compensated(m, towards) & lacks
-    lost &= (np.nan_to_num(m.lean) < _LEAN) & ~_turned_by_push(m, width)
+    lost &= (np.nan_to_num(m.tilt) < _UPSET_TILT_RAD) & ~_turned_by_push(m, width)
     for begin, end in runs(lost & m.flying):
         if end - begin < _OFF_S * RATE or np.ptp(towards[begin:end]) > 0:
             continue
         row = begin
-        while row > 0 and begin - row < 3 * width and size[row - 1] > min(usual, 0.5 * _TURNED):
+        while (
+            row > 0
+            and begin - row < 3 * width
+            and size[row - 1] > min(usual, 0.5 * _TURN_RATE_RAD_S)
+        ):
             row -= 1
         name = ROTOR_NAMES[int(towards[begin])]
         text = f"it turns down at {name} although that rotor is asked for more"
@@ -252,7 +257,7 @@ def _pushes(m: CrashMotion) -> tuple[Array, float]:
         return np.zeros(m.t.size), np.inf
     force = m.force.copy()
     if np.isfinite(m.missing).any():
-        # what was asked for lately is explained, whatever the lag
+        # a recent set point explains it, at any lag
         asked = np.nan_to_num(m.demand).mean(axis=1)
         width = round(_LAG_S * RATE)
         lift = float(np.nanmedian(m.force[m.learnt, 2]))
@@ -261,7 +266,7 @@ def _pushes(m: CrashMotion) -> tuple[Array, float]:
     force = np.nan_to_num(force)
     fast = force - np.column_stack([median_filter(f, 41, mode="nearest") for f in force.T])
     usual = np.nanpercentile(np.linalg.norm(fast[m.learnt], axis=1), 99.5)
-    return np.linalg.norm(fast, axis=1), max(_PUSH, 2.5 * float(usual))
+    return np.linalg.norm(fast, axis=1), max(_CONTACT_M_S2, 2.5 * float(usual))
 
 
 def _turned_by_push(m: CrashMotion, width: int) -> Mask:
@@ -290,17 +295,17 @@ def _where(m: CrashMotion, row: int) -> str:
     """Return impact for the floor, else contact."""
     low = m.height[row] < float(np.nanmin(m.height)) + 0.15
     fell = float(np.min(m.speed[max(row - 20, 0) : row + 1, 2]))
-    return "impact" if low and fell < -_HARD else "contact"
+    return "impact" if low and fell < -_HARD_TOUCH_M_S else "contact"
 
 
 def _impacts(m: CrashMotion) -> Iterator[Sign]:
     """The lowest place is reached faster than one lands."""
     low = m.height < float(np.nanmin(m.height)) + 0.15
     fell = minimum_filter1d(m.speed[:, 2], 20, origin=9)  # within the last 0.2 s
-    stops = low & (fell < -_HARD) & (m.speed[:, 2] > -0.3 * _HARD) & m.valid
+    stops = low & (fell < -_HARD_TOUCH_M_S) & (m.speed[:, 2] > -0.3 * _HARD_TOUCH_M_S) & m.valid
     for begin, _ in runs(stops)[:1]:
         before = slice(max(begin - 50, 0), begin)
-        if (m.height[before] < float(np.nanmin(m.height)) + _CUT).all():
+        if (m.height[before] < float(np.nanmin(m.height)) + _LANDING_CUT_M).all():
             continue
         yield Sign(float(m.t[begin]), "impact", f"it hits the floor at {-fell[begin]:.1f} m/s")
 
@@ -316,7 +321,7 @@ def _bumps(m: CrashMotion) -> Iterator[Sign]:
     ahead, behind = m.speed[2 * half :], m.speed[: -2 * half]
     change[half:-half] = np.linalg.norm(ahead - behind, axis=1)
     usual = np.nanpercentile(change[m.learnt], 99.5)
-    large = (change > max(2.0 * _BUMP, 3.0 * float(usual))) & m.valid & m.flying
+    large = (change > max(2.0 * _CONTACT_M_S, 3.0 * float(usual))) & m.valid & m.flying
     for begin, end in runs(large)[:3]:
         row = begin + int(np.argmax(change[begin:end]))
         text = f"the velocity changes by {change[row]:.1f} m/s within 0.12 s"
@@ -330,18 +335,23 @@ def _slides(m: CrashMotion) -> Iterator[Sign]:
     position = m.series["position"]
     place = position.values - position.values[0]
     count = round(_SLIDES_S / max(sample_interval(position.t), 1e-3))
-    if count < 20 or m.track.noise > 0.5 * _FLAT:
+    if count < 20 or m.track.noise > 0.5 * _SLIDE_HEIGHT_STD_M:
         return
     mean, square = (uniform_filter1d(x, count, axis=0) for x in (place, place**2))
     spread = np.sqrt(np.maximum(square - mean**2, 0.0))
-    still = np.linalg.norm(spread, axis=1) < _FLAT
+    still = np.linalg.norm(spread, axis=1) < _SLIDE_HEIGHT_STD_M
     low = float(mean[still, 2].min()) if still.any() else float(mean[:, 2].min())
-    flat = (spread[:, 2] < _FLAT) & (np.hypot(spread[:, 0], spread[:, 1]) > _ASIDE)
-    flat &= mean[:, 2] > max(low + _OFF_GROUND, float(np.percentile(place[:, 2], 99.0)) - _TOP)
+    flat = (spread[:, 2] < _SLIDE_HEIGHT_STD_M) & (
+        np.hypot(spread[:, 0], spread[:, 1]) > _SLIDE_PLACE_STD_M
+    )
+    flat &= mean[:, 2] > max(
+        low + _OFF_GROUND, float(np.percentile(place[:, 2], 99.0)) - _CEILING_BAND_M
+    )
     if still[-1]:
-        flat &= np.abs(mean[:, 2] - mean[-1, 2]) > _FLAT  # where it stands at the end
+        flat &= np.abs(mean[:, 2] - mean[-1, 2]) > _SLIDE_HEIGHT_STD_M  # the height at the end
     for begin, _ in runs(flat)[:1]:
-        text = f"the height stays within {1e3 * _FLAT:.1f} mm while it moves sideways: it slides"
+        within_mm = 1e3 * _SLIDE_HEIGHT_STD_M
+        text = f"the height stays within {within_mm:.1f} mm while it moves sideways: it slides"
         yield Sign(float(position.t[max(begin - count // 2, 0)]), "contact", text)
 
 
@@ -351,18 +361,18 @@ def _grounds(m: CrashMotion) -> Iterator[Sign]:
     t, height = position.t, position.values[:, 2]
     last = height[t > t[-1] - _REST_S]
     count = round(0.1 / max(sample_interval(t), 1e-3))
-    if last.size < 10 or np.std(last) > _FLAT or count < 3:
+    if last.size < 10 or np.std(last) > _SLIDE_HEIGHT_STD_M or count < 3:
         return
     above = median_filter(height, count | 1, mode="nearest") - np.median(last)
-    if above.max() < 10.0 * _NEAR:
+    if above.max() < 10.0 * _REST_BAND_M:
         return  # a hover, and no flight
-    down = np.abs(above) < _NEAR
+    down = np.abs(above) < _REST_BAND_M
     lands = t[np.flatnonzero(~down)[-1]] if not down.all() else t[0]
-    for row in find_peaks(-above, prominence=_RISES)[0]:
+    for row in find_peaks(-above, prominence=_RISE_M)[0]:
         begin, end = _stretch(down, row)
         off = t[begin] - max([t[0], *t[:begin][down[:begin]][-1:]])
         short = t[end] - t[begin] < _FREE_S < off and t[row] < lands - _REST_S
-        if short and -2.0 * _NEAR < above[row] < _NEAR and m.flying[m.index(t[row])]:
+        if short and -2.0 * _REST_BAND_M < above[row] < _REST_BAND_M and m.flying[m.index(t[row])]:
             text = "it comes down to the height at which it rests at the end, and flies on"
             yield Sign(float(t[row]), "contact", text)
             return
@@ -418,7 +428,7 @@ def _swinging(m: CrashMotion, name: str, fast: Array, least: float) -> Iterator[
     for axis in range(3):
         usual = float(np.nanmedian(size[m.learnt, axis]))
         limit = max(least, min(_GROWS * usual, 1.25 * least))
-        free = m.flying & (np.nan_to_num(m.lean) < _LEAN)
+        free = m.flying & (np.nan_to_num(m.tilt) < _UPSET_TILT_RAD)
         spans = [(b, e, _CYCLES) for b, e in runs((size[:, axis] > limit) & free)]
         # from the start, and so usual: then longer
         spans += [(b, e, 2 * _CYCLES) for b, e in runs((size[:, axis] > least) & free)]
@@ -467,7 +477,7 @@ def _poses_leap(m: CrashMotion) -> Iterator[Sign]:
     held = np.diff(position.t)
     usual = np.percentile(np.linalg.norm(step, axis=1) / held, 95.0)
     far = np.linalg.norm(step, axis=1)
-    leaps = far > _LEAP + 3.0 * usual * held
+    leaps = far > _POSITION_JUMP_M + 3.0 * usual * held
     for k in np.flatnonzero(leaps):
         if m.flying[m.index(position.t[k])] and held[k] < 0.2:
             text = f"the position jumps by {far[k]:.2f} m from one pose to the next"
@@ -510,7 +520,7 @@ def _thrust_lacks(m: CrashMotion) -> Iterator[Sign]:
     share = np.nan_to_num(-m.missing / np.maximum(np.nan_to_num(m.demand).mean(axis=1), 0.3))
     lacks = uniform_filter1d(share, 20)
     usual = float(np.percentile(np.abs(lacks[m.learnt]), 99.0))
-    row = _first(m, lacks > max(_DROP, 2.0 * usual), 0.2)
+    row = _first(m, lacks > max(_THRUST_DROP, 2.0 * usual), 0.2)
     if row is not None:
         yield Sign(float(m.t[row]), "battery", "all rotors give less thrust than they did")
 
@@ -525,14 +535,14 @@ def _command_leaps(m: CrashMotion) -> Iterator[Sign]:
     change[half:-half] = np.linalg.norm(asked[2 * half :] - asked[: -2 * half], axis=1)
     usual = float(np.nanpercentile(change[m.learnt], 99.0))
     change[: int(np.argmax(m.learnt))] = 0.0  # take-off
-    row = _first(m, change > min(max(_ABRUPT * usual, 0.15), 0.6), 0.0)
+    row = _first(m, change > min(max(_COMMAND_STEP_RATIO * usual, 0.15), 0.6), 0.0)
     if row is not None:
         text = "the commands leap to what they never were, and the vehicle follows"
         yield Sign(float(m.t[row]), "command", text)
 
 
 def _upsets(m: CrashMotion) -> Iterator[Sign]:
-    row = _first(m, np.nan_to_num(m.lean) > _LEAN, 0.02)
+    row = _first(m, np.nan_to_num(m.tilt) > _UPSET_TILT_RAD, 0.02)
     if row is not None:
         fast = np.linalg.norm(np.nan_to_num(m.rates), axis=1)
         usual = 3.0 * float(np.percentile(fast[m.learnt], 99.0))
@@ -541,7 +551,9 @@ def _upsets(m: CrashMotion) -> Iterator[Sign]:
             turns -= 1
         if turns < row:
             yield Sign(float(m.t[turns]), "turns", "it begins to turn faster than it did")
-        yield Sign(float(m.t[row]), "upset", f"it leans by more than {np.degrees(_LEAN):.0f}°")
+        yield Sign(
+            float(m.t[row]), "upset", f"it leans by more than {np.degrees(_UPSET_TILT_RAD):.0f}°"
+        )
 
 
 def _falls(m: CrashMotion) -> Iterator[Sign]:

@@ -77,13 +77,13 @@ def fitted_parameters(
 ) -> ParameterEstimate:
     """Return the parameters of a cause with a mean, and their covariance."""
     free = sorted(i for h in explanation.hypotheses if h.effect == effect for i in h.free)
-    places = model.columns.places(free)
+    places = model.unknowns.places(free)
     theta = model.final(explanation.fit)
     spread = explanation.fit.solution.covariance[np.ix_(places, places)]
     deviations = np.sqrt(np.maximum(np.diag(spread), 0.0))
     parameters = tuple(
         fitted_parameter(
-            model.columns.parameters[i], float(model.theta[i]), float(theta[i]), float(d)
+            model.unknowns.parameters[i], float(model.theta[i]), float(theta[i]), float(d)
         )
         for i, d in zip(free, deviations, strict=True)
     )
@@ -128,13 +128,15 @@ def detectable_changes(model: RegressionModel, fit: Fit) -> dict[str, Detectable
     their tolerances. Gaussian, about the fit given.
     """
     best: dict[str, tuple[float, Detectable]] = {}
-    columns = model.columns
-    for index in columns.identifiable:
-        p, (place,) = columns.parameters[index], columns.places([index])
-        deviations = columns.deviations((*fit.free, index), fit.widths, pinned=fit.pinned)
+    unknowns = model.unknowns
+    for index in unknowns.identifiable:
+        p, (place,) = unknowns.parameters[index], unknowns.places([index])
+        deviations = unknowns.deviations(
+            (*fit.free, index), fit.prior_std_scale, pinned=fit.pinned
+        )
         variance = float(solve(fit.normal, deviations, fit.prior_mean).covariance[place, place])
         noise = 1.0 / max(1.0 / max(variance, 1e-300) - p.scale**-2, 1e-300)
-        size = _threshold(math.sqrt(noise), p.tolerance, p.scale, len(columns.variants[p.effect]))
+        size = _threshold(math.sqrt(noise), p.tolerance, p.scale, len(unknowns.variants[p.effect]))
         share = size / p.scale
         if p.effect not in best or share < best[p.effect][0]:
             best[p.effect] = share, Detectable(p.name, p.unit, size)

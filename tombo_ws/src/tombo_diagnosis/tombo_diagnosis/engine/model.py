@@ -41,7 +41,7 @@ class RegressionModel(Protocol):
     Flights and thrust stands implement it; search and verdict use nothing else.
     """
 
-    columns: Unknowns
+    unknowns: Unknowns
     theta: Array
     """Parameters of the nominal model."""
     null_hypothesis: Fit
@@ -55,12 +55,13 @@ class RegressionModel(Protocol):
         """
         ...
 
-    def fit(self, free: Sequence[int], widths: Mapping[str, float], start: Fit) -> Fit:
+    def fit(self, free: Sequence[int], prior_std_scale: Mapping[str, float], start: Fit) -> Fit:
         """Fit parameters with the model itself, not only its tangent.
 
         Args:
             free: places in theta.
-            widths: stochastic effect -> factor on its width.
+            prior_std_scale: stochastic effect -> factor on the standard deviation of its
+                draws.
             start: fit to begin from.
         """
         ...
@@ -73,8 +74,10 @@ class RegressionModel(Protocol):
         """Return the parameters that a fit came to."""
         ...
 
-    def evidence_with(self, fit: Fit, widths: Mapping[str, float], tight: float = 1.0) -> float:
-        """Return the log evidence of a fit with other widths, by its tangent."""
+    def evidence_with(
+        self, fit: Fit, prior_std_scale: Mapping[str, float], tight: float = 1.0
+    ) -> float:
+        """Return the log evidence of a fit with other draws' widths, by its tangent."""
         ...
 
 
@@ -156,7 +159,7 @@ class Judgement:
     effects: tuple[str, ...]
     """Causes, most probable first; of a set its members."""
     members: tuple[str, ...]
-    """Of the set, where the data can't distinguish. Causes named beside a set are certain, and one
+    """Of the set, where the data can't distinguish. Causes named with a set are certain, and one
     of the set is present, too."""
     confidence: float
     each: dict[str, float]

@@ -106,11 +106,13 @@ def _worth_fitting(model: RegressionModel, explanation: Explanation) -> list[Hyp
 def _with_tight_priors(model: RegressionModel, explanation: Explanation) -> list[Hypothesis]:
     """Return what looks best with tolerances held, where some are far outside their tolerance."""
     fit = explanation.fit
-    columns = model.columns
-    limits = columns.deviations(fit.free, fit.widths)
+    unknowns = model.unknowns
+    limits = unknowns.deviations(fit.free, fit.prior_std_scale)
     stretched = np.abs(fit.solution.mean - fit.prior_mean) > _STRETCHED_SIGMAS * limits
     places = [
-        k for k, i in enumerate(columns.indices) if i in columns.identifiable and i not in fit.free
+        k
+        for k, i in enumerate(unknowns.indices)
+        if i in unknowns.identifiable and i not in fit.free
     ]
     if not stretched[places].any():
         return []
@@ -128,23 +130,25 @@ def rank_hypotheses(
 
     `tight` is a factor on the tolerances.
     """
-    fit, columns = explanation.fit, model.columns
-    held = columns.deviations(fit.free, fit.widths, tight, fit.pinned)
+    fit, unknowns = explanation.fit, model.unknowns
+    held = unknowns.deviations(fit.free, fit.prior_std_scale, tight, fit.pinned)
     base = solve(fit.normal, held, fit.prior_mean, covariance=False).evidence
     confounded = model.setting.confounded_with
     excluded = {*explanation.effects}.union(*(confounded.get(e, ()) for e in explanation.effects))
     ranked = []
-    for effect in columns.effects:
-        for free in columns.variants[effect] if effect not in excluded else ():
-            pinned = [place for place in fit.pinned if columns.indices[place] not in free]
-            deviations = columns.deviations((*fit.free, *free), fit.widths, tight, pinned)
+    for effect in unknowns.effects:
+        for free in unknowns.variants[effect] if effect not in excluded else ():
+            pinned = [place for place in fit.pinned if unknowns.indices[place] not in free]
+            deviations = unknowns.deviations(
+                (*fit.free, *free), fit.prior_std_scale, tight, pinned
+            )
             solution = solve(fit.normal, deviations, fit.prior_mean, covariance=False)
             gain = solution.evidence - base
             if gain > _MIN_TANGENT_LOG_BF:
                 gain -= _healthy_gain(model, fit, free, tight)
-            if gain > _MIN_TANGENT_LOG_BF and columns.outside(fit.theta, free, solution.mean):
+            if gain > _MIN_TANGENT_LOG_BF and unknowns.outside(fit.theta, free, solution.mean):
                 solution = solve(fit.normal, deviations, fit.prior_mean)
-                gain -= columns.bounds_penalty(fit.theta, free, solution)
+                gain -= unknowns.bounds_penalty(fit.theta, free, solution)
             ranked.append((gain - _multiplicity_penalty(model, effect), Hypothesis(effect, free)))
     ranked += [
         _widest(model, explanation, effect, price, tight)
@@ -162,9 +166,9 @@ def _widest(
     A broad prior over the width: the gain is the mean over the grid, not its best.
     """
     fit = explanation.fit
-    base = model.evidence_with(fit, fit.widths, tight)
+    base = model.evidence_with(fit, fit.prior_std_scale, tight)
     gains = [
-        model.evidence_with(fit, {**fit.widths, effect: float(width)}, tight) - base
+        model.evidence_with(fit, {**fit.prior_std_scale, effect: float(width)}, tight) - base
         for width in _WIDTHS
     ]
     mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains)) - price
@@ -186,11 +190,13 @@ def fit_hypotheses(
     """Fit a set of causes with the model itself, from `start` (None: the nominal model)."""
     null = model.null_hypothesis
     free = tuple(dict.fromkeys(i for each in hypotheses for i in each.free))
-    widths = {each.effect: each.width for each in hypotheses if each.width is not None}
-    fit = model.fit(free, widths, start or null)
+    prior_std_scale = {each.effect: each.width for each in hypotheses if each.width is not None}
+    fit = model.fit(free, prior_std_scale, start or null)
     evidence = _beyond_healthy(model, fit) - null.evidence
     evidence -= sum(_multiplicity_penalty(model, each.effect) for each in hypotheses)
-    evidence -= sum(math.log(_WIDTHS.size) - 1.0 + model.noise_effects()[e] for e in widths)
+    evidence -= sum(
+        math.log(_WIDTHS.size) - 1.0 + model.noise_effects()[e] for e in prior_std_scale
+    )
     for each in hypotheses:
         if each.free and all(fit.theta[i] == model.theta[i] for i in each.free):
             evidence = -math.inf  # at the edge of its bounds it does nothing: no cause
@@ -199,14 +205,14 @@ def fit_hypotheses(
 
 def _within_bounds(model: RegressionModel, fit: Fit) -> float:
     """Return the log evidence of a fit, less what it costs to lie beyond a bound."""
-    return fit.evidence - model.columns.bounds_penalty(
+    return fit.evidence - model.unknowns.bounds_penalty(
         fit.theta, fit.free, fit.solution, fitted=True
     )
 
 
 def _beyond_healthy(model: RegressionModel, fit: Fit) -> float:
     """Return the log evidence of a fit, less what its causes do by sizes that may be healthy."""
-    gain = _healthy_gain(model, fit, fit.free, widths=fit.widths)
+    gain = _healthy_gain(model, fit, fit.free, prior_std_scale=fit.prior_std_scale)
     return _within_bounds(model, fit) - gain
 
 
@@ -215,7 +221,7 @@ def _healthy_gain(
     fit: Fit,
     free: Sequence[int],
     tight: float = 1.0,
-    widths: Mapping[str, float] = NOMINAL_WIDTHS,
+    prior_std_scale: Mapping[str, float] = NOMINAL_WIDTHS,
 ) -> float:
     """Return the log evidence that sizes which may be healthy add to no cause at all.
 
@@ -228,25 +234,25 @@ def _healthy_gain(
         fit: whose tangent is used; what else it has free stays so.
         free: places in theta of the causes.
         tight: factor on the tolerances.
-        widths: stochastic effects among the causes.
+        prior_std_scale: stochastic effects among the causes.
     """
-    columns = model.columns
-    doubts = {p.index for p in columns.parameters if p.tolerance_inflation > 1.0}
+    unknowns = model.unknowns
+    doubts = {p.index for p in unknowns.parameters if p.tolerance_inflation > 1.0}
     if not doubts:
         return 0.0
     held = tuple(i for i in fit.free if i not in free)
-    kept = {e: w for e, w in fit.widths.items() if e not in widths}
+    kept = {e: w for e, w in fit.prior_std_scale.items() if e not in prior_std_scale}
     pinned = {*fit.pinned, *(model.null_hypothesis.pinned if not held else ())}
-    released = [place for place in pinned if columns.indices[place] not in free]
-    every = dict.fromkeys((*widths, *columns.draws), columns.draw_inflation)
-    own = dict.fromkeys(widths, columns.draw_inflation)
+    released = [place for place in pinned if unknowns.indices[place] not in free]
+    every = dict.fromkeys((*prior_std_scale, *unknowns.draws), unknowns.draw_inflation)
+    own = dict.fromkeys(prior_std_scale, unknowns.draw_inflation)
 
     def evidence(deviations: Array) -> float:
         return solve(fit.normal, deviations, fit.prior_mean, covariance=False).evidence
 
-    before = evidence(columns.deviations(held, kept, tight, sorted(pinned)))
+    before = evidence(unknowns.deviations(held, kept, tight, sorted(pinned)))
     after = max(
-        evidence(columns.deviations(held, {**loose, **kept}, tight, released, doubted))
+        evidence(unknowns.deviations(held, {**loose, **kept}, tight, released, doubted))
         for doubted, loose in ((doubts.intersection(free), own), (doubts, every))
     )
     return max(after - before, 0.0)
@@ -313,25 +319,25 @@ def free_all_axes(model: RegressionModel, explanation: Explanation) -> Explanati
 
     An axis whose part was too small to be accepted is measured all the same.
     """
-    columns = model.columns
+    unknowns = model.unknowns
     hypotheses = []
     for hypothesis in explanation.hypotheses:
-        freed = [columns.parameters[i] for i in hypothesis.free]
+        freed = [unknowns.parameters[i] for i in hypothesis.free]
         free = hypothesis.free
         if freed and freed[0].low < freed[0].null < freed[0].high:
             units = {p.unit for p in freed}
             free = tuple(
                 p.index
-                for p in columns.parameters
+                for p in unknowns.parameters
                 if p.effect == hypothesis.effect
                 and p.unit in units
-                and p.index in columns.identifiable
+                and p.index in unknowns.identifiable
             )
         hypotheses.append(replace(hypothesis, free=free))
     if tuple(hypotheses) == explanation.hypotheses:
         return explanation
     every = tuple(dict.fromkeys(i for each in hypotheses for i in each.free))
-    fit = model.fit(every, explanation.fit.widths, explanation.fit)
+    fit = model.fit(every, explanation.fit.prior_std_scale, explanation.fit)
     return replace(explanation, hypotheses=tuple(hypotheses), fit=fit)
 
 
@@ -341,6 +347,6 @@ def _multiplicity_penalty(model: RegressionModel, effect: str) -> float:
     And what any cause costs where causes are rare.
     """
     return (
-        math.log(max(1, len(model.columns.variants.get(effect, ()))))
+        math.log(max(1, len(model.unknowns.variants.get(effect, ()))))
         + model.setting.log_prior_cost
     )

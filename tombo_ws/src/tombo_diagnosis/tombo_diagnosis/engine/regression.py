@@ -205,7 +205,7 @@ class Unknowns:
     def deviations(
         self,
         free: Sequence[int] = (),
-        widths: Mapping[str, float] = NOMINAL_WIDTHS,
+        prior_std_scale: Mapping[str, float] = NOMINAL_WIDTHS,
         tight: float = 1.0,
         pinned: Sequence[int] = (),
         doubted: Collection[int] = (),
@@ -213,11 +213,13 @@ class Unknowns:
         """Return (count) prior standard deviations.
 
         Args:
-            free: places in theta of what is wide: as wide as the size that clearly matters.
-            widths: stochastic effect -> factor on its draws' width; what is absent has 1.
+            free: places in theta of the parameters with a wide prior: as wide as the size that
+            clearly matters.
+            prior_std_scale: stochastic effect -> factor on its draws' width; absent effects have
+            1.
             tight: factor on the tolerances of everything else.
             pinned: columns that stay at a bound of their parameter.
-            doubted: places in theta of what is healthy, but with its tolerance in doubt.
+            doubted: places in theta of healthy parameters whose tolerance is in doubt.
         """
         values = [
             p.scale
@@ -225,7 +227,7 @@ class Unknowns:
             else tight * p.tolerance * (p.tolerance_inflation if p.index in doubted else 1.0)
             for p in (self.parameters[i] for i in self.indices)
         ]
-        values += [self.draw_width * widths.get(effect, 1.0) for effect in self.draws]
+        values += [self.draw_width * prior_std_scale.get(effect, 1.0) for effect in self.draws]
         deviations = np.array(values)
         deviations[list(pinned)] *= _PINNED
         return deviations
@@ -267,7 +269,7 @@ class Fit:
 
     free: tuple[int, ...]
     """Places in theta."""
-    widths: Mapping[str, float]
+    prior_std_scale: Mapping[str, float]
     """Stochastic effect -> factor on its width in the nominal model."""
     theta: Array
     """All parameters, about which the equations are."""

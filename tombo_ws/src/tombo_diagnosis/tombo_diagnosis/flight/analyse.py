@@ -46,7 +46,7 @@ _FORCE_EFFECTS = frozenset(
     name for name, e in REGISTRY.items() if e.stage in (Stage.WRENCH, Stage.AIR)
 )
 """Effects that push the vehicle."""
-DOUBTS = ("unknown", "partly_explained")
+UNCERTAIN_VERDICTS = ("unknown", "partly_explained")
 """Verdicts that leave something unexplained."""
 _DYNAMICS = frozenset({"force", "moment"})
 """Groups of channels that have to be clean before anything is named: what pushes the vehicle in a
@@ -60,9 +60,8 @@ _MAX_HEALTHY_NOISE_TOLERANCES = 4.0
 _MAX_GUST_R2 = 0.1
 """Largest cross-validated R² of a remainder that can be gusts."""
 _MIN_EXPLAINED_CALIBRATED, _MIN_REMOVED_CALIBRATED, _MAX_R2_CALIBRATED = 0.7, 0.5, 0.3
-"""Where healthy flights are not known: share of the excess that causes have to explain in the
-channels that they concern, share of all excess of the forces, and share of the remainder that
-other flights may predict."""
+"""Where healthy flights are not known: least explained share of the excess in the causes'
+channels; the same of all forces; share of the remainder that other flights may predict."""
 _MAX_PREDICTED_SHARE = 0.02
 """Share of the excess of the forces that other flights may predict, whatever of the remainder."""
 _MAX_SHARE_OF_ONE_FLIGHT = 0.8
@@ -139,7 +138,7 @@ def without_lost_memories(findings: FlightAnalysis) -> FlightAnalysis | None:
     """
     judgement, problem = findings.judgement, findings.problem
     lost = lost_memories(problem)
-    if judgement.verdict not in DOUBTS:
+    if judgement.verdict not in UNCERTAIN_VERDICTS:
         answered = {*judgement.effects, *judgement.members}
         lost = [each for each in lost if each.effect in answered]
     left = exclude_spans(problem.tracks, lost) if lost else []
@@ -163,7 +162,7 @@ def in_swinging_air(findings: FlightAnalysis) -> FlightAnalysis | None:
     A force that swings without a mean is neither wind nor gusts: it may be a push as well.
     """
     judgement, problem, best = findings.judgement, findings.problem, findings.search.best
-    if judgement.verdict not in DOUBTS and "gusts" not in judgement.effects:
+    if judgement.verdict not in UNCERTAIN_VERDICTS and "gusts" not in judgement.effects:
         return None
     # A map that is turned would turn the swing with it.
     kept = [e for e in best.effects if REGISTRY[e].stage is not Stage.MOCAP]
@@ -180,7 +179,7 @@ def in_swinging_air(findings: FlightAnalysis) -> FlightAnalysis | None:
 def without_transients(findings: FlightAnalysis) -> FlightAnalysis | None:
     """Analyse doubtful findings without the moments that no effect describes."""
     problem = findings.problem
-    if findings.judgement.verdict not in DOUBTS:
+    if findings.judgement.verdict not in UNCERTAIN_VERDICTS:
         return None
     events = find_transients(problem, findings.search.best.fit)
     if not events:

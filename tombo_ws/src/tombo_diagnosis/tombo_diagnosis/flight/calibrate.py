@@ -104,7 +104,7 @@ def calibrated(logs: Sequence[Flight]) -> tuple[NominalModel, list[Flight]]:
 
 
 def _drag_in_wind(logs: Sequence[Flight]) -> float:
-    """Return the drag per mass [1/s] by which wind acts in these flights; 0: there is no wind.
+    """Return the drag per mass [1/s] by which wind acts in these flights; 0: wind is 0.
 
     Wind is a force by the drag alone: without a drag no speed of the air would be a cause. It is
     that of the flights where they show it, else the usual one.
@@ -191,8 +191,8 @@ def _drive_and_force(logs: Sequence[Flight], drives: Sequence[Series]) -> tuple[
 def _with_asked_speeds(log: Flight) -> Flight:
     """Return a log whose motor commands, where there are any, are speeds that they ask for.
 
-    One line for all rotors from command to measured speed: what a rotor differs by stays to be
-    seen.
+    One line for all rotors from command to measured speed: the difference of a rotor stays
+    visible.
     """
     command = log.series.get("motor_command")
     if "rotor_command" in log.series or "rotor_speed" not in log.series or command is None:

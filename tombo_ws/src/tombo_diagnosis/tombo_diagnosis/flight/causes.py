@@ -31,8 +31,8 @@ from tombo_flight.extended_model import FittedParameter
 _SCALE_KG = 1e-3
 """kg: resolution of the scales of most labs."""
 UNWEIGHED = 0.5
-"""Confidence, at most, in a change of mass or balance that such a scale would not show: so little
-may stand for a cause that is no candidate."""
+"""Confidence, at most, in a change of mass or balance that such a scale would not show: so small
+an effect may come from a cause outside the candidates."""
 
 
 def estimate_cause(effect: str, findings: FlightAnalysis, explanation: Explanation) -> Cause:
@@ -101,7 +101,7 @@ def _scatter_estimate(findings: FlightAnalysis, explanation: Explanation) -> Par
     """Return the scatter of the draws: their root mean square, with a chi-square interval."""
     problem = findings.problem
     p = next(p for p in problem.nominal.parameters if p.label == SCATTER_LABEL)
-    drawn = explanation.fit.solution.mean[len(problem.columns.indices) :]
+    drawn = explanation.fit.solution.mean[len(problem.unknowns.indices) :]
     unit = scatter_unit(problem.theta, p)
     count = max(drawn.size, 1)
     value = min(unit * float(np.sqrt(np.mean(drawn**2))), p.high)

@@ -47,11 +47,11 @@ class HeldOutPrediction:
     """A flight as a fit of other flights predicts it."""
 
     theta: Array
-    """All parameters; what is no cause as its tolerance lets the other flights have it."""
+    """All parameters; other parameters as the other flights have them, within their tolerance."""
     draws: Array
     """(8) of the vehicle."""
     residual: dict[str, Array]
-    """group -> (rows, channels): what is left of the flight's channels."""
+    """group -> (rows, channels): the remainder of the flight's channels."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class HeldOut:
 def fit_without_flight(
     problem: FlightProblem, flight: int, tried: Sequence[Explanation]
 ) -> HeldOut:
-    """Name and fit without a flight: the best of those that were tried, fitted again."""
+    """Name and fit without a flight: the best of the fits that were tried, fitted again."""
     others = [f for f in range(len(problem.tracks)) if f != flight] or [flight]
     base, mean = _solved(problem, problem.null_hypothesis, others)
     before = _predicted(problem, problem.null_hypothesis, flight, mean)
@@ -86,22 +86,22 @@ def fit_without_flight(
 def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> HeldOutPrediction:
     """Return a flight as a fit predicts it whose unknowns are those of other flights.
 
-    The draws of a vehicle are those that the fit finds, in this flight where each flight has its
-    own: left to itself a simulation with rotors a percent too strong tips over in a second. What
-    the nominal model's own fit has absorbed (bias, level) is calibrated in each flight, too.
+    The draws of a vehicle come from the fit; where each flight has draws of its own, from this
+    flight: left to itself a simulation with rotors a percent too strong tips over in a second.
+    Parameters that the nominal fit absorbs (bias, level) are calibrated in each flight, too.
     """
-    columns, limits = problem.columns, problem.columns.deviations(fit.free, fit.widths)
+    unknowns, limits = problem.unknowns, problem.unknowns.deviations(fit.free, fit.prior_std_scale)
     mean = np.clip(mean, fit.prior_mean - 3.0 * limits, fit.prior_mean + 3.0 * limits)
-    if columns.absorbed:
-        calibrated = columns.places(sorted(columns.absorbed))
+    if unknowns.absorbed:
+        calibrated = unknowns.places(sorted(unknowns.absorbed))
         deviations = _HELD_DEVIATION_FACTOR * limits
         deviations[calibrated] = limits[calibrated]
         centre = mean.copy()
         centre[calibrated] = fit.prior_mean[calibrated]
         mean = solve(tangent_of(fit).normals[flight], deviations, centre, covariance=False).mean
     theta = fit.theta.copy()
-    for place, index in enumerate(columns.indices):
-        p = columns.parameters[index]
+    for place, index in enumerate(unknowns.indices):
+        p = unknowns.parameters[index]
         theta[index] = np.clip(theta[index] + mean[place], p.low, p.high)
     draws = np.zeros(8)
     if problem.drawn:
@@ -109,7 +109,7 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> He
         draw_means = mean if problem.vehicles == 1 else fit.solution.mean
         draws[problem.drawn] = draw_means[first : first + len(problem.drawn)]
         # Draws are in units of the nominal scatter, whatever a fit has made of its size.
-        scale = next(p.index for p in columns.parameters if p.label == SCATTER_LABEL)
+        scale = next(p.index for p in unknowns.parameters if p.label == SCATTER_LABEL)
         theta[scale] = problem.theta[scale]
         theta, _ = with_scatter(theta, problem.nominal)
     residual = residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
@@ -119,14 +119,14 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> He
 def nominal_theta(problem: FlightProblem) -> Array:
     """Return the parameters of the model as it was, with what its own fit has taken up."""
     theta = problem.theta.copy()
-    absorbed = sorted(problem.columns.absorbed)
+    absorbed = sorted(problem.unknowns.absorbed)
     theta[absorbed] = problem.null_hypothesis.theta[absorbed]
     return theta
 
 
 def nominal_residuals(problem: FlightProblem, flight: int) -> dict[str, Array]:
     """Return the residual of the nominal model in a flight, group -> (rows, channels)."""
-    if not problem.columns.absorbed:
+    if not problem.unknowns.absorbed:
         return problem.linears[flight].residual
     return residuals(problem.tracks[flight], problem.nominal, nominal_theta(problem))
 
@@ -134,21 +134,21 @@ def nominal_residuals(problem: FlightProblem, flight: int) -> dict[str, Array]:
 def _solved(problem: FlightProblem, fit: Fit, flights: Sequence[int]) -> tuple[float, Array]:
     """Return the evidence and the unknowns of a fit by some of the flights.
 
-    What is no cause and would pass a bound of its parameter stays at its nominal value: no
+    A parameter that is not a cause stays at its nominal value if it would pass its bound: no
     propeller is stronger than new.
     """
-    columns = problem.columns
+    unknowns = problem.unknowns
     normal = sum_of([tangent_of(fit).normals[f] for f in flights])
     pinned = list(fit.pinned)
     while True:
-        deviations = columns.deviations(fit.free, fit.widths, pinned=pinned)
+        deviations = unknowns.deviations(fit.free, fit.prior_std_scale, pinned=pinned)
         solution = solve(normal, deviations, fit.prior_mean)
         over = [
             place
-            for place, index in enumerate(columns.indices)
+            for place, index in enumerate(unknowns.indices)
             if place not in pinned
             and index not in fit.free
-            and not _in_bounds(columns.parameters[index], fit.theta[index] + solution.mean[place])
+            and not _in_bounds(unknowns.parameters[index], fit.theta[index] + solution.mean[place])
         ]
         if not over:
             return solution.evidence, solution.mean
@@ -168,15 +168,15 @@ def extended(
     Only what is named counts of the unknowns; tolerances stay as the nominal model has them.
     `mean`: the fit's unknowns, if not those of all flights.
     """
-    columns = problem.columns
+    unknowns = problem.unknowns
     mean = fit.solution.mean if mean is None else mean
     draws = np.zeros(8)
     theta = nominal_theta(problem)
-    for place in columns.places((*fit.free, *columns.absorbed)):
-        p = columns.parameters[columns.indices[place]]
+    for place in unknowns.places((*fit.free, *unknowns.absorbed)):
+        p = unknowns.parameters[unknowns.indices[place]]
         theta[p.index] = np.clip(fit.theta[p.index] + mean[place], p.low, p.high)
-    if fit.widths.get(SCATTER, 1.0) > 1.01 and problem.vehicles == 1:
-        draws[problem.drawn] = mean[len(columns.indices) :]
+    if fit.prior_std_scale.get(SCATTER, 1.0) > 1.01 and problem.vehicles == 1:
+        draws[problem.drawn] = mean[len(unknowns.indices) :]
         theta, _ = with_scatter(theta, problem.nominal)
     return residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
 
@@ -258,7 +258,7 @@ def _window_errors(
 def _smooth(state: Array, rates_measured: bool) -> Array:
     """Return a motion whose velocity is not the noise of single poses; rows as they were.
 
-    Nor are its rates, where they are differences of attitudes and not measured.
+    Its rates are not compared either, where they are differences of attitudes and not measured.
     """
     motion = state.copy()
     columns = [(slice(0, 6), _VELOCITY_WIDTH)]

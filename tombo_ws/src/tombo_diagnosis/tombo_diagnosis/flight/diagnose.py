@@ -23,7 +23,7 @@ from tombo_diagnosis.control.signals import DrivePlant
 from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary, Leftover, Residual
 from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.engine.separation import separating_experiment
-from tombo_diagnosis.flight.analyse import DOUBTS, FlightAnalysis, analyse
+from tombo_diagnosis.flight.analyse import UNCERTAIN_VERDICTS, FlightAnalysis, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.causes import UNWEIGHED, estimate_cause, scores, shown_by_scale
 from tombo_diagnosis.flight.cross_validation import (
@@ -148,7 +148,7 @@ def diagnose_flights(
 
 
 def _leftover(findings: FlightAnalysis, final: Explanation) -> Leftover | None:
-    if findings.judgement.verdict not in DOUBTS:
+    if findings.judgement.verdict not in UNCERTAIN_VERDICTS:
         return None
     groups = findings.remainder.unexplained_groups
     return flight_leftover(findings.problem, final.fit, leftover_quantities(groups))
@@ -335,7 +335,7 @@ def diagnose_logs(
         on_progress: called with the progress.
 
     Returns:
-        The diagnosis, the name of what the flights were compared with, and the model given.
+        The diagnosis, the name of the reference vehicle, and the model given.
 
     Raises:
         InputError: a log, the mapping, the vehicle or the model can't be used.

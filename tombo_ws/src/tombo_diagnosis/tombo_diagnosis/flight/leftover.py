@@ -112,8 +112,8 @@ def _samples(
     vehicle = problem.nominal.vehicle
     size = np.full(3, vehicle.mass) if quantity == "force" else _inertia(vehicle)
     scale = size[list(axes)]
-    columns = problem.columns
-    tolerances = columns.deviations(fit.free, fit.widths, pinned=fit.pinned)
+    unknowns = problem.unknowns
+    tolerances = unknowns.deviations(fit.free, fit.prior_std_scale, pinned=fit.pinned)
     slopes = problem.design(linear, group, flight)[chosen] * tolerances[None, :, None]
     tolerated = block_means(np.transpose(slopes, (2, 0, 1)), length) * scale[:, None]
     rows = problem.residual(fit, flight, _unknowns(problem, fit))[group][:, chosen]
@@ -169,7 +169,7 @@ def _inertia(vehicle: object) -> Array:
 def _unknowns(problem: FlightProblem, fit: Fit) -> Array:
     """Return free parameters as fitted and all others as nominal, about the fit's theta."""
     unknowns = fit.prior_mean.copy()
-    places = problem.columns.places((*fit.free, *problem.columns.absorbed))
+    places = problem.unknowns.places((*fit.free, *problem.unknowns.absorbed))
     unknowns[places] = fit.solution.mean[places]
     return unknowns
 

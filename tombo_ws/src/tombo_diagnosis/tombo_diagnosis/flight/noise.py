@@ -253,14 +253,14 @@ def pose_noise_statistics(tracks: Sequence[Track]) -> Statistics:
 
 
 def _are_capture_times(t: Array) -> bool:
-    """Return whether stamps are even; where they jitter as arrivals do, a gap is no loss."""
+    """Return whether stamps are even; where they jitter as arrivals do, a gap is not a loss."""
     return jitter(t) < _UNEVEN * float(np.median(np.diff(t)))
 
 
 def lost_samples(steps: Array, spacing: float) -> NDArray[np.intp]:
     """Return how many samples are lost in each step (N,) of a clock with this spacing [s].
 
-    A sample that is only late is made up for by a short step beside it.
+    A short step next to a late sample compensates it.
     """
     around = np.pad(steps, 1, constant_values=spacing)
     sums = steps, steps + around[:-2], steps + around[2:]

@@ -24,11 +24,13 @@ from tombo_flight.vehicle_file import EFFECT_OF, HealthyFlights, VehicleFile, ve
 from tombo_logs.readers.vehicle_airframe import airframe_of
 from tombo_sim.propeller_effects import vehicle_effects
 
-_OWN = VehicleParams()
+_NOMINAL_VEHICLE = VehicleParams()
 """The vehicle that the registry's typical sizes are for."""
 
 
-def parameters(mass: float = _OWN.mass, arm: float = _OWN.arm_length) -> tuple[FreeParameter, ...]:
+def parameters(
+    mass: float = _NOMINAL_VEHICLE.mass, arm: float = _NOMINAL_VEHICLE.arm_length
+) -> tuple[FreeParameter, ...]:
     """Return all parameters of the registry, in the order of theta.
 
     What clearly matters is given for the suite's own vehicle: forces grow with the mass [kg],
@@ -70,18 +72,18 @@ class NominalModel:
     maps: RotorMaps
     """The rotor's table, `tombo_dynamics.rotor_maps`."""
     effects: Mapping[str, Mapping[str, float]]
-    """What it knows of effects, with their parameters."""
+    """Known effects, with their parameters."""
     calibrated: bool = False
     """True: thrust was fitted to the same flights; mass and thrust errors can't be seen then, and
     what healthy flights of this vehicle look like is not known."""
     fitted: frozenset[str] = frozenset()
-    """effect.parameter of what that fit has absorbed: free at all times, and never a cause."""
+    """effect.parameter that the fit has absorbed: free at all times, and never a cause."""
     moments: bool = True
     """False: arms and inertia are not known; moments are not compared."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """effect.parameter → standard deviation with which this vehicle's own value is known."""
     healthy: HealthyFlights | None = None
-    """What this model leaves unexplained of the vehicle's healthy flights; None: not known."""
+    """Residual of the vehicle's healthy flights; None: not known."""
     vehicle_name: str = ""
     """Of a vehicle file; empty: the suite's own vehicle."""
 
@@ -123,7 +125,7 @@ class NominalModel:
 def nominal_tolerances(nominal: NominalModel) -> dict[str, float]:
     """Return effect.parameter → standard deviation within which a value may be off unnoticed.
 
-    What was fitted to the flights has none. The scatter of the propellers is the nominal one,
+    Fitted parameters have none. The scatter of the propellers is the nominal one,
     where there is some, or what healthy flights differ by.
     """
     tolerances = {
@@ -181,7 +183,7 @@ def nominal_model(
 def tolerances_of(file: VehicleFile) -> dict[str, float]:
     """Return effect.parameter → standard deviation, of the values that have a tolerance.
 
-    A tolerance of arms, rotor inertia or drag torque has no effect that stands for it.
+    A tolerance of arms, rotor inertia or drag torque has no effect in the registry.
     """
     tolerances = {}
     for key, (label, share) in EFFECT_OF.items():

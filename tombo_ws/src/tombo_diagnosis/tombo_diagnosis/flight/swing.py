@@ -1,8 +1,8 @@
 """Wind that swings: a sinusoidal force in map, of one frequency in all flights.
 
-Each flight has a phase of its own, so a swing is no parameter that flights share: it is fitted to
-what an explanation leaves of each flight's forces, and is then simulated along that flight. A line
-that stands out of its neighbours in the spectrum is a swing; gusts have power at all of them.
+Each flight has its own phase, so flights can't share the swing as a parameter: it is fitted to the
+residual forces of each flight, and is then simulated along that flight. A line that stands out of
+its neighbours in the spectrum is a swing; gusts have power at all of them.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class _ForceSamples:
     """(B, 2) of the vehicle along map x, y [m/s]."""
 
     def air(self, frequency: float) -> tuple[Array, float, Array]:
-        """Return the air's swing, what it takes off the squares, and a covariance over noise.
+        """Return the air's swing, its reduction of the squares, and a covariance over noise.
 
         The swing: (2, 2) along map x, y by sine and cosine [m/s].
         """
@@ -67,7 +67,7 @@ class _ForceSamples:
         values = inverse @ vector
         return values.reshape(2, 2), float(values @ vector), inverse
 
-    def own(self, frequency: float) -> float:
+    def vehicle_velocity(self, frequency: float) -> float:
         """Return the amplitude of the vehicle's own velocity at a frequency [m/s]."""
         wave = np.exp(2j * np.pi * frequency * self.t) * (2.0 / self.t.size)
         return float(np.linalg.norm(wave @ (self.velocity - self.velocity.mean(axis=0))))
@@ -150,7 +150,9 @@ def _swing(push: _ForceSamples, frequency: float) -> Swing | None:
     air, taken, inverse = push.air(frequency)
     ways, sizes, waves = np.linalg.svd(air)
     size = float(sizes[0])
-    if sizes[1] > _MAX_ACROSS_SHARE * size or size < _MIN_AIR_OVER_OWN * push.own(frequency):
+    if sizes[1] > _MAX_ACROSS_SHARE * size or size < _MIN_AIR_OVER_OWN * push.vehicle_velocity(
+        frequency
+    ):
         return None
     left = (float(np.sum(push.force**2)) - taken) / push.force.size
     deviation = math.sqrt(max(left * _BLOCKS_PER_SAMPLE * float(np.trace(inverse)) / 4.0, 1e-12))

@@ -60,8 +60,8 @@ FITTED = {
     "mocap_body_misalignment.roll": "roll of the rigid body as it was defined",
     "mocap_body_misalignment.pitch": "pitch of the rigid body as it was defined",
 }
-"""Parameters that flights are fitted for, and what they tell: what stays from day to day."""
-_SEEN = 0.3
+"""Parameters that are fitted to flights, with their meaning: what stays from day to day."""
+_MAX_RELATIVE_DEVIATION = 0.3
 """A parameter is seen if its standard deviation is below this share of the size that matters."""
 _MOST_FITS = 6
 """Fits without some of the flights, at most; of more flights several are left out together."""
@@ -79,7 +79,7 @@ class VehicleFit:
 
     file: VehicleFile
     seen: Mapping[str, FittedParameter]
-    """What was fitted -> the value with its 95 % interval, as a change of the base."""
+    """Fitted parameter -> the value with its 95 % interval, as a change of the base."""
     unseen: tuple[str, ...]
     """What these flights could not show, and so is as in the base."""
     accused: Mapping[str, str] = field(default_factory=dict)
@@ -93,12 +93,12 @@ def fit_vehicle(
 
     Where logs have rotor speeds, the thrust of the propellers is fitted; where they have motor
     commands from 0 to 1, the drive that makes thrust of them. Each flight is then diagnosed with
-    the vehicle that the others show: what healthy flights differ by, and how often one is accused,
-    stands in the file.
+    the vehicle that the others show: the file has the spread of healthy flights, and how often a
+    cause was named in one.
 
     Args:
         logs: flights, checked.
-        base: what is known before; what the flights don't show stays.
+        base: the prior vehicle; parameters that the flights don't show keep their value.
         progress: called with a stage and the share done.
 
     Raises:
@@ -137,7 +137,7 @@ def fit_vehicle(
 
 
 def _fit(logs: Sequence[Flight], base: VehicleFile) -> VehicleFit:
-    """Fit a vehicle to flights; what is left of them stands in it as usual."""
+    """Fit a vehicle to flights; their residual is in it as the usual one."""
     file = base
     if not all(log.has_rotor_speeds for log in logs):
         file = _with_fitted_drive(logs, base)
@@ -174,29 +174,29 @@ def _fit(logs: Sequence[Flight], base: VehicleFile) -> VehicleFit:
 def _fit_of_shown(problem: FlightProblem, wanted: Sequence[int]) -> Fit:
     """Return the fit of those of the parameters that the flights show.
 
-    What they show least is given back to the base, one after the other: where they show a
+    The least visible parameters return to the base, one after the other: where they show a
     difference alone, of the yaw of IMU and markers for example, one of the two takes it.
     """
-    columns = problem.columns
-    free = [i for i in wanted if i in columns.identifiable]
+    unknowns = problem.unknowns
+    free = [i for i in wanted if i in unknowns.identifiable]
     fit = problem.fit(free, NOMINAL_WIDTHS, problem.null_hypothesis)
 
     def shares(some: Sequence[int]) -> Array:
         """Return the deviations of parameters over their sizes, if just these are free."""
-        priors = columns.deviations(some, NOMINAL_WIDTHS, pinned=fit.pinned)
+        priors = unknowns.deviations(some, NOMINAL_WIDTHS, pinned=fit.pinned)
         covariance = solve(fit.normal, priors, fit.prior_mean).covariance
-        deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns.places(some)]
-        return np.asarray(deviations / [columns.parameters[i].scale for i in some])
+        deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))[unknowns.places(some)]
+        return np.asarray(deviations / [unknowns.parameters[i].scale for i in some])
 
     while free:
         dropped: list[int] = []
-        while free and (share := shares(free)).max() >= _SEEN:
+        while free and (share := shares(free)).max() >= _MAX_RELATIVE_DEVIATION:
             dropped.append(free.pop(int(np.argmax(share))))
         for index in reversed(dropped):  # what hid one may be gone now
-            if shares([*free, index]).max() < _SEEN:
+            if shares([*free, index]).max() < _MAX_RELATIVE_DEVIATION:
                 free.append(index)
         fit = problem.fit(free, NOMINAL_WIDTHS, fit, slopes=False)
-        shown = [i for i in free if _inside(problem, fit, columns.parameters[i])]
+        shown = [i for i in free if _inside(problem, fit, unknowns.parameters[i])]
         if shown == free:
             break
         free = shown
@@ -204,12 +204,12 @@ def _fit_of_shown(problem: FlightProblem, wanted: Sequence[int]) -> Fit:
 
 
 def _deviation(problem: FlightProblem, fit: Fit, p: FreeParameter) -> float:
-    (place,) = problem.columns.places([p.index])
+    (place,) = problem.unknowns.places([p.index])
     return math.sqrt(max(float(fit.solution.covariance[place, place]), 0.0))
 
 
 def _inside(problem: FlightProblem, fit: Fit, p: FreeParameter) -> bool:
-    """Return whether a fitted value is clear of its bounds, or at what is no effect at all."""
+    """Return whether a fitted value is clear of its bounds, or at the value without effect."""
     value, deviation = float(fit.theta[p.index]), _deviation(problem, fit, p)
     return p.low + deviation < value < p.high - deviation or value == p.null
 
@@ -217,13 +217,16 @@ def _inside(problem: FlightProblem, fit: Fit, p: FreeParameter) -> bool:
 def _alone_deviation(problem: FlightProblem, fit: Fit, p: FreeParameter) -> float:
     """Return how well flights know one parameter, all others within their tolerances.
 
-    What they don't show may have any usual size: flights that do show it are not to be blamed.
+    Parameters that they don't show may have any usual size: flights that do show it are not to be
+    blamed.
     """
-    columns = problem.columns
-    if p.index not in columns.identifiable:
+    unknowns = problem.unknowns
+    if p.index not in unknowns.identifiable:
         return p.scale
-    (place,) = columns.places([p.index])
-    solution = solve(fit.normal, columns.deviations((p.index,), fit.widths, pinned=fit.pinned))
+    (place,) = unknowns.places([p.index])
+    solution = solve(
+        fit.normal, unknowns.deviations((p.index,), fit.prior_std_scale, pinned=fit.pinned)
+    )
     return math.sqrt(max(float(solution.covariance[place, place]), 0.0))
 
 
@@ -249,11 +252,10 @@ def _difference(log: Flight, file: VehicleFile) -> FlightProblem:
 
 
 def _healthy(file: VehicleFile, differences: Sequence[FlightProblem]) -> HealthyFlights:
-    """Return what is usual of healthy flights, from how each differs from the others.
+    """Return the spread of healthy flights, from the difference of each to the others.
 
-    Of parameters, the spread that explains the differences best; of what that leaves, what a
-    further flight leaves at most. Rotors differ from session to session at least as those of
-    other vehicles.
+    Of parameters, the spread that explains the differences best; the largest residual of a further
+    flight. Rotors differ from session to session at least as those of other vehicles.
     """
     assert file.healthy is not None
     known, differ = file.healthy.spread, _spread(differences)
@@ -306,12 +308,12 @@ def _spread(flights: Sequence[FlightProblem]) -> dict[str, float]:
     """
     names = [_labels(flight) for flight in flights]
     units = [
-        np.r_[np.ones(len(f.columns.indices)), np.full(len(f.columns.draws), _draw_unit(f))]
+        np.r_[np.ones(len(f.unknowns.indices)), np.full(len(f.unknowns.draws), _draw_unit(f))]
         for f in flights
     ]
     usual: dict[str, float] = {}
     for flight, labels, unit in zip(flights, names, units, strict=True):
-        usual |= dict(zip(labels, unit * flight.columns.deviations(), strict=True))
+        usual |= dict(zip(labels, unit * flight.unknowns.deviations(), strict=True))
     normals = [flight.normal() for flight in flights]
     variance = {label: tolerance**2 for label, tolerance in usual.items()}
     for _ in range(_EM_STEPS):
@@ -330,15 +332,15 @@ def _spread(flights: Sequence[FlightProblem]) -> dict[str, float]:
 
 def _labels(flight: FlightProblem) -> list[str]:
     """Return the effect.parameter of every column; all draws are of one."""
-    columns = flight.columns
-    return [columns.parameters[i].label for i in columns.indices] + [
-        SCATTER_LABEL for _ in columns.draws
+    unknowns = flight.unknowns
+    return [unknowns.parameters[i].label for i in unknowns.indices] + [
+        SCATTER_LABEL for _ in unknowns.draws
     ]
 
 
 def _draw_unit(flight: FlightProblem) -> float:
-    """Return the deviation of thrust over its mean that a draw of 1 stands for."""
-    (p,) = (p for p in flight.columns.parameters if p.label == SCATTER_LABEL)
+    """Return the relative deviation of thrust for a draw of 1."""
+    (p,) = (p for p in flight.unknowns.parameters if p.label == SCATTER_LABEL)
     return scatter_unit(flight.theta, p)
 
 

@@ -179,7 +179,7 @@ _LEAST_GAIN: Final = 0.05
 
 
 def draw_summary(diagnosis: Diagnosis) -> Figure:
-    """Draw the residual against its driver and time, beside verdict and gain; 1600 x 900 px."""
+    """Draw the residual against its driver and time, next to verdict and gain; 1600 x 900 px."""
     with new_figure(16.0, 9.0, 100, 13.0) as sheet:
         gains = [g for g in best_gains(diagnosis, 5) if g.reduction >= _LEAST_GAIN]
         height = 0.03 + 0.055 * len(gains)
@@ -202,7 +202,7 @@ def _summary_residual(sheet: Figure, diagnosis: Diagnosis) -> None:
     height = 0.17 if shown else 0.6
     below = sheet.add_axes((_LEFT, 0.085, _MIDDLE - _LEFT, height))
     time_axes(below, diagnosis, groups[channel])
-    if shown:  # its name stands beside the picture above
+    if shown:  # its name is next to the picture above
         below.set_ylabel(f"[{unit(shown[0].unit) or '1'}]", parse_math=False)
     handles = _legend_handles(corrected(groups[channel]))
     sheet.legend(handles=handles, loc="lower left", bbox_to_anchor=(_LEFT - 0.008, 0.775), ncols=3)

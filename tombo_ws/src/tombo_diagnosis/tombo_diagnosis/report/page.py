@@ -436,8 +436,8 @@ def check_items(
 ) -> list[Item]:
     """Return the findings of the checks of flights or tables, the worst first.
 
-    One line for what several have alike. Of flights, what is no fault and no doubt is folded
-    away behind what is.
+    One line for what several have alike. Flights without faults and doubts are folded behind the
+    others.
 
     Args:
         findings: of all flights.

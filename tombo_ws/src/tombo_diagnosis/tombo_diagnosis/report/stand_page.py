@@ -198,7 +198,7 @@ def _constant(stand: StandDiagnosis) -> list[Item]:
         return []
     largest = max((e.share for e in k.limits), default=0.0)
     rows = [
-        (e.what, Cell(percent(e.share, 2), "before", bar=bar_length(e.share, largest)))
+        (e.cause, Cell(percent(e.share, 2), "before", bar=bar_length(e.share, largest)))
         for e in k.limits
     ]
     text = (

@@ -84,7 +84,7 @@ def draw_why(found: Why) -> Figure:
         axes = sheet.subplots(4, 1, sharex=True)
         for ax, values, name in (
             (axes[0], m.height, "height [m]"),
-            (axes[1], np.degrees(m.lean), "lean [°]"),
+            (axes[1], np.degrees(m.tilt), "lean [°]"),
             (axes[2], m.rates, "rates [rad/s]"),
             (axes[3], m.demand, "demand over hover"),
         ):

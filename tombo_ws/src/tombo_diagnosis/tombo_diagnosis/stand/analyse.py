@@ -52,13 +52,13 @@ def fit_residual_curves(problem: StandProblem, fit: Fit, by_run: bool = True) ->
     blocks = _blocks(problem, by_run and problem.repeated)
     if not blocks:
         return ResidualCurves(-math.inf, "", 0.0)
-    moved = fit.free or problem.columns.absorbed
+    moved = fit.free or problem.unknowns.absorbed
     slopes = problem.slopes_at(fit.theta) if moved else problem.slopes
     left = problem.residual(fit.theta)
     basis = np.concatenate([columns for columns, _ in blocks], axis=2)
     every = np.concatenate([slopes, problem.drawn, basis], axis=2)
-    normal, _ = problem.whitened(left, every, fit.widths)
-    known = problem.columns.deviations(fit.free, fit.widths)
+    normal, _ = problem.whitened(left, every, fit.prior_std_scale)
+    known = problem.unknowns.deviations(fit.free, fit.prior_std_scale)
     prior_mean = fit.prior_mean
     without = solve(
         _part(normal, np.arange(known.size)), known, prior_mean, covariance=False

@@ -72,9 +72,9 @@ def scores(findings: StandAnalysis, shares: dict[str, float]) -> tuple[Score, ..
     `shares`: effect -> share of the excess that it removes in held-out data.
     """
     problem = findings.problem
-    columns = problem.columns
+    unknowns = problem.unknowns
     model = "plain" if problem.points.setup.plain else "tombo"
-    absorbed = {columns.parameters[k].effect for k in columns.absorbed}
+    absorbed = {unknowns.parameters[k].effect for k in unknowns.absorbed}
 
     def why_not(effect: str) -> str:
         if effect in absorbed:
@@ -100,8 +100,8 @@ def held_out(findings: StandAnalysis) -> tuple[list[Gain], dict[str, float]]:
     before: dict[int, list[float]] = {c: [] for c in points.measured}
     after: dict[int, list[float]] = {c: [] for c in points.measured}
     removed = dict.fromkeys(tried, 0.0)
-    columns = problem.columns
-    absorbed = {columns.parameters[k].effect for k in columns.absorbed}
+    unknowns = problem.unknowns
+    absorbed = {unknowns.parameters[k].effect for k in unknowns.absorbed}
     whole = 0.0
     for out in points.blocks():
         rest = points.only(~out)

@@ -65,8 +65,8 @@ _NOISE_EFFECT_PENALTY = 3.0
 """Log Bayes factor that a stochastic effect has to bring besides: how noisy a reading is, a stand
 knows to some 15 % only, and its tails are heavy."""
 _MIN_SPEEDS_TO_SEPARATE, _FEW_SPEEDS_ERROR_SHARE = 4, 0.3
-"""With fewer speeds than this only the priors' widths distinguish causes, and they must not: what
-comes within this share of the best one's evidence is in the set."""
+"""With fewer speeds than this only the priors' widths distinguish causes, and they must not:
+causes within this share of the best evidence are in the set."""
 _CALIBRATION_NAMED = ((0.0, 0.5), (0.8, 0.6), (0.9, 0.7), (0.97, 0.92), (0.99, 0.975))
 CALIBRATION = {
     "none": ((0.0, 0.15), (0.30, 0.2), (0.655, 0.4), (0.929, 0.68), (0.982, 0.87)),
@@ -106,7 +106,7 @@ class StandProblem:
         # In the order of `_draw_slopes`.
         drawn = (PROPELLER,) * (2 * self.propellers * self.scatters)
         drawn += (RUN,) * (2 * self.runs) + (SHARE,) * (2 * self.runs)
-        self.columns = Unknowns(with_mean, tuple(range(len(with_mean))), drawn)
+        self.unknowns = Unknowns(with_mean, tuple(range(len(with_mean))), drawn)
 
         self.left = self.residual(self.theta)
         """(N, 4) measured minus nominal model; 0 where not measured."""
@@ -122,8 +122,8 @@ class StandProblem:
         self.speed_slope = self._by_speed()
         """(N, 4): readings per share of speed."""
         size = np.sqrt(np.sum((self.slopes / self.sigma[:, :, None]) ** 2, axis=(0, 1)))
-        self.columns = replace(
-            self.columns,
+        self.unknowns = replace(
+            self.unknowns,
             absorbed=frozenset(p.index for p in with_mean if p.effect in absorbed),
             # Of the size that matters it does not stand out of the noise.
             unobservable=frozenset(p.index for p in with_mean if size[p.index] * p.scale <= 1.0),
@@ -165,13 +165,13 @@ class StandProblem:
 
     def identifiable(self, effect: str) -> tuple[int, ...]:
         """Return the places of an effect's parameters that can be its cause."""
-        parameters = self.columns.parameters
-        return tuple(k for k in self.columns.identifiable if parameters[k].effect == effect)
+        parameters = self.unknowns.parameters
+        return tuple(k for k in self.unknowns.identifiable if parameters[k].effect == effect)
 
     def values(self, theta: Array) -> dict[str, tuple[float, ...]]:
         """Return effect -> parameters, as `predict` takes them."""
         result: dict[str, tuple[float, ...]] = {}
-        for p, value in zip(self.columns.parameters, theta, strict=True):
+        for p, value in zip(self.unknowns.parameters, theta, strict=True):
             result[p.effect] = (*result.get(p.effect, ()), float(value))
         return result
 
@@ -185,22 +185,22 @@ class StandProblem:
         return np.where(np.isfinite(left), left, 0.0)
 
     def normal(
-        self, theta: Array, slopes: Array, widths: Mapping[str, float]
+        self, theta: Array, slopes: Array, prior_std_scale: Mapping[str, float]
     ) -> tuple[NormalEquations, float]:
         """Return the whitened equations about theta, and half the log of the noise's variance."""
         left = np.where(self.seen, self.residual(theta), 0.0)
         every = np.concatenate([slopes, self.drawn], axis=2)
-        return self.whitened(left, every, widths)
+        return self.whitened(left, every, prior_std_scale)
 
     def whitened(
-        self, left: Array, slopes: Array, widths: Mapping[str, float]
+        self, left: Array, slopes: Array, prior_std_scale: Mapping[str, float]
     ) -> tuple[NormalEquations, float]:
         """Return equations of any columns (N, 4, K), and half the log determinant."""
         weight = np.where(self.seen, 1.0 / self.sigma, 0.0)
         y = left * weight
         x = slopes * weight[:, :, None]
         # One direction a point is noisier by the speed's noise: a rank-one covariance.
-        shared = self.healthy["speed_noise.deviation"] * widths.get(SPEED, 1.0)
+        shared = self.healthy["speed_noise.deviation"] * prior_std_scale.get(SPEED, 1.0)
         g = self.speed_slope * weight * shared
         length = np.sum(g**2, axis=1)
         shrink = np.divide(
@@ -213,29 +213,35 @@ class StandProblem:
         half = 0.5 * float(np.sum(np.log1p(length)))
         return NormalEquations(flat.T @ flat, flat.T @ rows, float(rows @ rows)), half
 
-    def fit(self, free: Sequence[int], widths: Mapping[str, float], start: Fit) -> Fit:
+    def fit(self, free: Sequence[int], prior_std_scale: Mapping[str, float], start: Fit) -> Fit:
         """Fit as `Model.fit` says, within bounds; other parameters have the slopes of `start`."""
-        return self._fit(free, widths, start.theta, start.tangent)
+        return self._fit(free, prior_std_scale, start.theta, start.tangent)
 
     def _fit(
-        self, free: Sequence[int], widths: Mapping[str, float], theta: Array, slopes: Array
+        self,
+        free: Sequence[int],
+        prior_std_scale: Mapping[str, float],
+        theta: Array,
+        slopes: Array,
     ) -> Fit:
-        moving = (*free, *self.columns.absorbed)
-        deviations = self.columns.deviations(free, widths)
+        moving = (*free, *self.unknowns.absorbed)
+        deviations = self.unknowns.deviations(free, prior_std_scale)
         best: tuple[float, Fit] | None = None
         for _ in range(_MAX_FIT_STEPS if moving else 1):
             slopes = slopes.copy()
             for k in moving:
                 slopes[:, :, k] = self.slope(theta, k)
-            normal, half = self.normal(theta, slopes, widths)
+            normal, half = self.normal(theta, slopes, prior_std_scale)
             prior_mean = np.zeros(deviations.size)
             prior_mean[: theta.size] = self.theta - theta
             solution = solve(normal, deviations, prior_mean)
             evidence = solution.evidence - half
-            fit = Fit(tuple(free), widths, theta, prior_mean, solution, normal, evidence, slopes)
+            fit = Fit(
+                tuple(free), prior_std_scale, theta, prior_mean, solution, normal, evidence, slopes
+            )
             if not moving:
                 return fit
-            inside = evidence - self.columns.bounds_penalty(theta, moving, solution)
+            inside = evidence - self.unknowns.bounds_penalty(theta, moving, solution)
             if best is not None and inside < best[0] - _MAX_EVIDENCE_LOSS:
                 # Too far, where the model bends: halfway back, and try again from there.
                 if float(np.abs(theta - best[1].theta)[list(moving)].max()) == 0.0:
@@ -244,7 +250,7 @@ class StandProblem:
                 continue
             best = inside, fit
             moved = self._moved(theta, moving, solution.mean)
-            scales = np.array([self.columns.parameters[k].scale for k in moving])
+            scales = np.array([self.unknowns.parameters[k].scale for k in moving])
             change = np.abs(moved - theta)[list(moving)] / scales
             theta = moved
             if float(change.max()) < _CONVERGED_STEP_SHARE:
@@ -255,17 +261,19 @@ class StandProblem:
     def relinearized(self, fit: Fit) -> Fit:
         """Return a fit with the slopes of all parameters where it ended.
 
-        Far from the nominal model what stays within its tolerance acts differently: beside the
-        other in-plane term, or with a stiff twist, the torsion constant hardly matters any more.
+        Far from the nominal model what stays within its tolerance acts differently: with the other
+        in-plane term, or a stiff twist, the torsion constant hardly matters.
         """
         if not fit.free:
             return fit
-        return self._fit(fit.free, fit.widths, fit.theta, self.slopes_at(fit.theta))
+        return self._fit(fit.free, fit.prior_std_scale, fit.theta, self.slopes_at(fit.theta))
 
-    def evidence_with(self, fit: Fit, widths: Mapping[str, float], tight: float = 1.0) -> float:
+    def evidence_with(
+        self, fit: Fit, prior_std_scale: Mapping[str, float], tight: float = 1.0
+    ) -> float:
         """Return the log evidence of a fit with other widths of random effects, by its tangent."""
-        normal, half = self.normal(fit.theta, fit.tangent, widths)
-        deviations = self.columns.deviations(fit.free, widths, tight)
+        normal, half = self.normal(fit.theta, fit.tangent, prior_std_scale)
+        deviations = self.unknowns.deviations(fit.free, prior_std_scale, tight)
         return solve(normal, deviations, fit.prior_mean, covariance=False).evidence - half
 
     def _moved(self, theta: Array, moving: Sequence[int], mean: Array) -> Array:
@@ -273,7 +281,7 @@ class StandProblem:
         for factor in (1.0, 0.5, 0.25, 0.1):
             moved = theta.copy()
             for k in moving:
-                p = self.columns.parameters[k]
+                p = self.unknowns.parameters[k]
                 step = float(np.clip(mean[k], -2.0 * p.scale, 2.0 * p.scale))
                 moved[k] = np.clip(theta[k] + factor * step, p.low, p.high)
             if np.isfinite(self.prediction(moved)[self.seen]).all():
@@ -282,23 +290,23 @@ class StandProblem:
 
     def final(self, fit: Fit) -> Array:
         """Return the parameters of a fit, its last step taken, others at their nominal value."""
-        return self._moved(fit.theta, (*fit.free, *self.columns.absorbed), fit.solution.mean)
+        return self._moved(fit.theta, (*fit.free, *self.unknowns.absorbed), fit.solution.mean)
 
     def unexplained(self, fit: Fit) -> Array:
         """Return the residual of a fit (N, 4), its random draws removed."""
-        wide = [fit.widths.get(effect, 1.0) > 1.0 for effect in self.columns.draws]
-        drawn = self.drawn @ np.where(wide, fit.solution.mean[len(self.columns.indices) :], 0.0)
+        wide = [fit.prior_std_scale.get(effect, 1.0) > 1.0 for effect in self.unknowns.draws]
+        drawn = self.drawn @ np.where(wide, fit.solution.mean[len(self.unknowns.indices) :], 0.0)
         return np.where(self.seen, self.residual(self.final(fit)) - drawn, 0.0)
 
     def slopes_at(self, theta: Array) -> Array:
         """Return the derivatives of the readings (N, 4, K) over all parameters."""
         return np.stack(
-            [self.slope(theta, k) for k in range(len(self.columns.parameters))], axis=2
+            [self.slope(theta, k) for k in range(len(self.unknowns.parameters))], axis=2
         )
 
     def slope(self, theta: Array, k: int) -> Array:
         """Return the derivative of the readings (N, 4) over a parameter."""
-        p = self.columns.parameters[k]
+        p = self.unknowns.parameters[k]
         step = _DERIVATIVE_STEP_SHARE * p.scale
         up, down = theta.copy(), theta.copy()
         up[k] = min(theta[k] + step, p.high)
@@ -314,11 +322,11 @@ class StandProblem:
         groups = [(PROPELLER, setup.propeller, self.propellers)] if self.scatters else []
         by_run = [(name, setup.run, self.runs) for name in (RUN, SHARE)]
         for name, number, count in [*groups, *by_run]:
-            widths = [self.healthy[f"{name}.{p.name}"] for p in STAND_EFFECTS[name].theta]
+            deviations = [self.healthy[f"{name}.{p.name}"] for p in STAND_EFFECTS[name].theta]
             for j in range(2):
                 table = np.zeros((count, 2))
                 table[:, j] = 1.0
-                change = self._drawn_change({name: tuple(widths)}, **{_DRAWN[name]: table})
+                change = self._drawn_change({name: tuple(deviations)}, **{_DRAWN[name]: table})
                 columns += [change * (number == k)[:, None] for k in range(count)]
         return np.stack(columns, axis=2)
 
@@ -326,9 +334,9 @@ class StandProblem:
         share = 1e-3
         return self._drawn_change({SPEED: (share,)}, point=np.ones(self.points.count)) / share
 
-    def _drawn_change(self, widths: dict[str, tuple[float, ...]], **draws: Array) -> Array:
-        """Return what draws change of the readings (N, 4), under an effect of these widths."""
+    def _drawn_change(self, deviations: dict[str, tuple[float, ...]], **draws: Array) -> Array:
+        """Return what draws change of the readings (N, 4), under an effect of these deviations."""
         drawn = replace(Draws.none(self.points.setup), **draws)
-        changed = predict(self.points.setup, self.values(self.theta) | widths, drawn)
+        changed = predict(self.points.setup, self.values(self.theta) | deviations, drawn)
         change = changed - self.prediction(self.theta)
         return np.where(np.isfinite(change), change, 0.0)

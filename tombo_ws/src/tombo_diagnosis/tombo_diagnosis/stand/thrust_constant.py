@@ -21,7 +21,7 @@ _BOOTSTRAP_SAMPLES = 2000
 class Limit:
     """One thing that bounds how well k_T is known."""
 
-    what: str
+    cause: str
     share: float
     """Of k_T, one way."""
 

@@ -50,7 +50,7 @@ class DriveCurve:
 
 @dataclass(frozen=True)
 class DriveSamples:
-    """What the curve is fitted to, of one flight, in the air."""
+    """Airborne data of one flight to which the curve is fitted."""
 
     command: Array
     """(N, 4) above 0."""
@@ -71,13 +71,13 @@ def fit_drive_curve(
 
     Both sides are averaged over windows. Each flight has a small offset of its own. Air that moves
     changes thrust at one command, and who holds the height changes the command at one thrust: a
-    regression of one on the other bends the exponent of the command towards 0 or away from it. So
-    its evidence is the band between the two, and where flights vary thrust too little for that
-    band to be narrow, the exponent stays what it was before.
+    regression of one on the other bends the exponent of the command towards 0 or away from it. Its
+    evidence is the band between the two. Where flights vary thrust too little for a narrow band,
+    the exponent keeps its prior value.
 
     A battery sags within a manoeuvre: a higher command gets less of its voltage, which flattens
-    the curve, though a load that stays does not see that, as the slow voltage has it. So the fit
-    is repeated with commands times the sag to the power by which thrust follows the slow voltage,
+    the curve. A constant load does not show that, because the slow voltage has it. So the fit is
+    repeated with commands times the sag to the power by which thrust follows the slow voltage,
     over that of the command: 1 for a motor on a duty cycle, 0 where the drive makes up for it.
 
     Args:
@@ -117,7 +117,7 @@ def _fitted(
     noise = _noise_per_window(both[:, 0] - every @ free, counts)
     trust = offsets + np.diag([0.0, _TRUSTED**-2, *np.zeros(len(flights))])
     values, covariance = _solved(every, both, noise, trust)
-    # what the supply makes up for depends on the exponent of the command
+    # the compensation of the supply depends on the exponent of the command
     supply_deviation = np.hypot(np.sqrt(covariance[1, 1]), values[1, 1] * slope_deviation)
     supply_exponent = float(values[1, 0]) if with_supply else 0.0
     gain = float(np.exp(values[0, 0] - middle * supply_exponent))
@@ -129,9 +129,10 @@ def _command_exponent(
 ) -> tuple[float, float]:
     """Return what flights alone say of the exponent, and the deviation of its logarithm.
 
-    `beside` (W, k) explains a part of both. The exponent is between the regression of load on
-    command and the inverse of that of command on load (Frisch's bounds): their geometric mean, and
-    half the logarithm of their ratio. The deviation is infinite where the two do not go together.
+    `beside` (W, k) are further regressors of both. The exponent is between the regression of load
+    on command and the inverse of that of command on load (Frisch's bounds): their geometric mean,
+    and half the logarithm of their ratio. The deviation is infinite where the two do not go
+    together.
     """
     left = [y - beside @ np.linalg.lstsq(beside, y, rcond=None)[0] for y in (command, load)]
     (cc, cl), (_, ll) = np.array([[a @ b for b in left] for a in left]).tolist()

@@ -5,10 +5,9 @@ lag after a delay. The accelerometer gives the thrust, the gyro's slope the mome
 
     m a_z = Σ thrust,   I dω/dt = arm × thrust + constant
 
-Lag and delay are those that explain thrust, roll and pitch best together. Without the delay, with
-the lag that explains thrust alone, and with the lower bound of the inertia, this is the model of
-Eschmann, Albani and Loianno, "Data-Driven System Identification of Quadrotors Subject to Motor
-Delays", 2024.
+Lag and delay explain thrust, roll and pitch best together. Without the delay, with the lag of
+thrust alone and the lower bound of the inertia, it equals the model of Eschmann, Albani and
+Loianno, "Data-Driven System Identification of Quadrotors Subject to Motor Delays", 2024.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ _CARRIES = 0.5
 """Share of the usual command from which on the vehicle flies."""
 _KNOCK = 2.5 * GRAVITY
 _APART_S = 0.3
-"""Time around what is no flight that is left out."""
+"""Margin of time excluded around spans without flight."""
 _LEAST_S = 5.0
 _LAGS: Array = np.asarray(np.geomspace(0.02, 0.12, 19), np.float64)
 _DELAYS = (0.0, 0.005, 0.01, 0.015)
@@ -48,7 +47,7 @@ _PARTS = 8
 
 @dataclass(frozen=True)
 class InertialFit:
-    """What the flights show of a vehicle."""
+    """Inertial parameters that flights show of a vehicle."""
 
     drive: DriveParams
     lag: float
@@ -108,7 +107,7 @@ def fit_inertial(flights: Sequence[EvenFlight], mass: float, arm: float) -> Iner
 def _fit_at(
     flights: Sequence[EvenFlight], mass: float, arm: float, lag: float, delay: float
 ) -> tuple[InertialFit, float]:
-    """Return the fit with a lag and a delay, and the logarithm of what is left of all."""
+    """Return the fit with a lag and a delay, and the logarithm of its residual."""
     lagged = [_lagged(s.channels["motor_command"], lag, delay) for s in flights]
     rows = [np.flatnonzero(s.valid)[::_EVERY] for s in flights]
     powers = [

@@ -1,4 +1,4 @@
-"""What is left of a flight's channels when the model has predicted them, for any parameters.
+"""Residuals of a flight's channels after the model's prediction, for any parameters.
 
 Every channel is measured minus predicted, both through the same kernel. Errors of motion capture
 are undone on the measured poses with the function that simulates them.
@@ -53,7 +53,7 @@ _GROUPS = {
 
 
 def channel_group(channel: str) -> str:
-    """Return what a channel tells of: force, moment, rotor speed, clock, a pair of sensors."""
+    """Return the quantity of a channel: force, moment, rotor speed, clock, a pair of sensors."""
     return next(group for start, group in _GROUPS.items() if channel.startswith(start))
 
 
@@ -62,8 +62,8 @@ class MotionOfPoses:
     """The motion behind measured poses, at the ticks."""
 
     state: Array
-    """(N, 16) position, velocity, quaternion, body rates, angular acceleration: what the model is
-    run along."""
+    """(N, 16) position, velocity, quaternion, body rates, angular acceleration: the inputs of the
+    model."""
     position: Array
     """(N, 3) between the poses, not smoothed: it is what is compared with the model [m]."""
     rates: Array
@@ -125,7 +125,7 @@ def motion_of(track: Track, nominal: NominalModel, theta: Array) -> MotionOfPose
     rotation = Rotation.from_quat(q).as_matrix()
     turn = quaternion_multiply(conjugate(q), rate[:, 3:] / length)
     rates = 2.0 * turn[:, :3]
-    # The gyro is the better one; what it is off by is compared in a channel of its own.
+    # The gyro is the better one; its error is compared in a separate channel.
     body = track.gyro if track.gyro.size else rates
     turning = smooth(body, IMU_WIDTH, track.step, order=1)
     state = np.column_stack([*_smooth_path(track, value[:, :3], rotation), q, body, turning])
@@ -137,7 +137,7 @@ def _smooth_path(track: Track, position: Array, rotation: Array) -> tuple[Array,
 
     Slow motion is that of the poses, quick motion that of the accelerometer, integrated twice. A
     force that follows the velocity, or a thread that is stretched, turns noise of the poses into
-    noise of the regressors, and what is fitted comes out too small.
+    noise of the regressors, and the fitted value is too small.
     """
     tick = track.step
     width = POSE_WIDTH / tick
@@ -195,7 +195,7 @@ def residuals(
     draws: Array | None = None,
     noise: Array = NO_NOISE,
 ) -> dict[str, Array]:
-    """Return what is left of each group's channels, (rows, channels), for the rows that count.
+    """Return residuals of each group's channels, (rows, channels), for the valid rows.
 
     `motion`: of these parameters, where it is known already; `draws`: (8) standard normals of the
     vehicle, None: zeros; `noise`: (K, 9) standard normals for the effects that take some.

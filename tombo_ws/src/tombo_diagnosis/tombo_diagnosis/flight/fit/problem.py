@@ -55,7 +55,8 @@ SETTING = Setting(
 
 CALIBRATED_MODEL_ERROR_SHARE = 0.3
 """`model_error_share` of a vehicle whose thrust was fitted to the same flights: its model is
-rough, and evidence of hundreds is no distinction where it rests on a few percent of thrust."""
+rough, and even a large evidence does not distinguish causes where it rests on a few percent of
+thrust."""
 DISPLACEMENTS = frozenset({"imu_lever_arm", "mocap_marker_offset"})
 """Displaced IMU and displaced markers: only their distance shows where forces are unsure."""
 
@@ -63,11 +64,11 @@ DISPLACEMENTS = frozenset({"imu_lever_arm", "mocap_marker_offset"})
 def setting_of(nominal: NominalModel, flights: int) -> Setting:
     """Return the settings for a nominal model.
 
-    Confidence stays below what flights allow: of a vehicle that was fitted to healthy flights each
-    of them that was held against the others is one trial, a failure where it was accused; of one
-    that was fitted to the very flights each flight held out. What is wrong in one flight is wrong
-    in all its parts: these are one trial. That a vehicle is as its healthy flights show it is as
-    probable before the data as all effects of the registry together.
+    Confidence stays below what flights allow: each healthy flight that was compared with the
+    vehicle of the others is one trial, and a failure if a cause was named; of one that was fitted
+    to the very flights each flight held out. A fault of one flight is present in all its parts:
+    these are one trial. That a vehicle is as its healthy flights show it is as probable before the
+    data as all effects of the registry together.
     """
     if nominal.healthy is not None:
         return replace(
@@ -138,7 +139,7 @@ class FlightProblem:
             nominal.tolerance_inflation,
             absorbed,
         )
-        self.columns = unknowns
+        self.unknowns = unknowns
         self._parts: list[Parts] = []
         self.variances: list[dict[str, Array]] = []
         """Noise of each flight's channels by group, correlation included."""
@@ -146,39 +147,41 @@ class FlightProblem:
         if each and self.vehicles > 1:
             every = solve(self.normal(), unknowns.deviations(seen)).evidence
             parts_of_flights = self._parts
-            self.columns, self.vehicles = replace(unknowns, draws=each), 1
+            self.unknowns, self.vehicles = replace(unknowns, draws=each), 1
             # With the same noise as before: what does not fit would else pass for noise.
             self._parts = self._all_parts()
-            if solve(self.normal(), self.columns.deviations(seen)).evidence < every:
-                self.columns, self.vehicles = unknowns, len(self.tracks)
+            if solve(self.normal(), self.unknowns.deviations(seen)).evidence < every:
+                self.unknowns, self.vehicles = unknowns, len(self.tracks)
                 self._parts = parts_of_flights
             else:
                 self._prepare()
-        self.columns = replace(self.columns, unobservable=self._find_unobservable())
+        self.unknowns = replace(self.unknowns, unobservable=self._find_unobservable())
         tangent = FlightTangent(
             tuple(self.linears), self._weighed(self._parts), tuple(self._parts)
         )
         nominal_fit = self._solved(
-            (), NOMINAL_WIDTHS, self.theta, np.zeros(self.columns.count), tangent
+            (), NOMINAL_WIDTHS, self.theta, np.zeros(self.unknowns.count), tangent
         )
         self.null_hypothesis = self.fit((), NOMINAL_WIDTHS, nominal_fit, slopes=False)
         """The nominal model, everything within its tolerance."""
 
     def refuse(self, effects: Collection[str]) -> None:
         """Let these effects be no causes from now on."""
-        self.columns = replace(self.columns, refused=frozenset(effects))
+        self.unknowns = replace(self.unknowns, refused=frozenset(effects))
 
     def noise_effects(self) -> Mapping[str, float]:
         """Return the scatter of the rotors, where they differ; others show in what is left.
 
         It shows in moments: thrust of all rotors together is fitted where these are not compared.
         """
-        possible = self.columns.draws and SCATTER not in self.columns.refused
+        possible = self.unknowns.draws and SCATTER not in self.unknowns.refused
         return {SCATTER: 0.0} if possible and self.nominal.moments else {}
 
-    def evidence_with(self, fit: Fit, widths: Mapping[str, float], tight: float = 1.0) -> float:
+    def evidence_with(
+        self, fit: Fit, prior_std_scale: Mapping[str, float], tight: float = 1.0
+    ) -> float:
         """Return the log evidence of a fit with other widths of random effects, by its tangent."""
-        deviations = self.columns.deviations(fit.free, widths, tight, fit.pinned)
+        deviations = self.unknowns.deviations(fit.free, prior_std_scale, tight, fit.pinned)
         return solve(fit.normal, deviations, fit.prior_mean, covariance=False).evidence
 
     def final(self, fit: Fit) -> Array:
@@ -188,7 +191,7 @@ class FlightProblem:
     def first_draw(self, flight: int) -> int:
         """Return the column of a flight's first draw."""
         vehicle = flight if self.vehicles > 1 else 0
-        return len(self.columns.indices) + len(self.drawn) * vehicle
+        return len(self.unknowns.indices) + len(self.drawn) * vehicle
 
     def _all_parts(self) -> list[Parts]:
         return [self._by_channel(linear, f) for f, linear in enumerate(self.linears)]
@@ -200,7 +203,7 @@ class FlightProblem:
             for linear in self.linears
         ]
         for _ in range(2):
-            every = solve(self.normal(), self.columns.deviations(self.columns.indices))
+            every = solve(self.normal(), self.unknowns.deviations(self.unknowns.indices))
             self.variances = self._variances(every.mean)
 
     def _find_unobservable(self) -> frozenset[int]:
@@ -210,7 +213,7 @@ class FlightProblem:
         moves is noise itself, that went through the estimator into the commands and came back.
         What shows now and then only, as the ground does in a landing, counts by these moments.
         """
-        every = solve(self.normal(), self.columns.deviations(self.columns.indices)).mean
+        every = solve(self.normal(), self.unknowns.deviations(self.unknowns.indices)).mean
         noise: dict[tuple[str, str], list[float]] = {}
         shown: dict[int, dict[tuple[str, str], list[float]]] = {}
         for f, linear in enumerate(self.linears):
@@ -228,7 +231,7 @@ class FlightProblem:
                         table.setdefault(place, []).append(float(value))
         unobservable = set()
         for index, table in shown.items():
-            scale = self.columns.parameters[index].scale
+            scale = self.unknowns.parameters[index].scale
             best = max(
                 scale**2 * float(np.mean(values)) / max(float(np.mean(noise[place])), 1e-18)
                 for place, values in table.items()
@@ -244,8 +247,8 @@ class FlightProblem:
     def design(self, linear: Linearization, group: str, flight: int) -> Array:
         """Return (channels, K, rows): slopes of a group's channels with every unknown."""
         residual = linear.residual[group]
-        full = np.zeros((residual.shape[1], self.columns.count, residual.shape[0]))
-        for k, index in enumerate(self.columns.indices):
+        full = np.zeros((residual.shape[1], self.unknowns.count, residual.shape[0]))
+        for k, index in enumerate(self.unknowns.indices):
             if index in linear.slopes:
                 full[:, k] = linear.slopes[index][group].T
         first = self.first_draw(flight)
@@ -257,7 +260,7 @@ class FlightProblem:
     def _explained(self, linear: Linearization, group: str, flight: int, unknowns: Array) -> Array:
         """Return (rows, channels): what unknowns (K,) change in a group's channels."""
         total = np.zeros_like(linear.residual[group])
-        for k, index in enumerate(self.columns.indices):
+        for k, index in enumerate(self.unknowns.indices):
             if unknowns[k] and index in linear.slopes:
                 total += unknowns[k] * linear.slopes[index][group]
         first = self.first_draw(flight)
@@ -267,13 +270,15 @@ class FlightProblem:
         return total
 
     def residual(self, fit: Fit, flight: int, unknowns: Array | None = None) -> dict[str, Array]:
-        """Return what a fit leaves of a flight's channels, group -> (rows, channels).
+        """Return the residual of a flight's channels, group -> (rows, channels).
 
         `unknowns`: (K,) about the fit's theta; None: its solution, tolerances included.
         """
         if unknowns is None:
-            # What is not free is held to a few tolerances: more is a cause.
-            limits = _MAX_TOLERANCE_SIGMAS * self.columns.deviations(fit.free, fit.widths)
+            # Parameters that are not free stay within a few tolerances: more is a cause.
+            limits = _MAX_TOLERANCE_SIGMAS * self.unknowns.deviations(
+                fit.free, fit.prior_std_scale
+            )
             low, high = fit.prior_mean - limits, fit.prior_mean + limits
             unknowns = np.clip(fit.solution.mean, low, high)
         linear = tangent_of(fit).linears[flight]
@@ -285,25 +290,26 @@ class FlightProblem:
     def _solved(
         self,
         free: Sequence[int],
-        widths: Mapping[str, float],
+        prior_std_scale: Mapping[str, float],
         theta: Array,
         prior_mean: Array,
         tangent: FlightTangent,
     ) -> Fit:
         """Return the fit that equations about theta come to.
 
-        What the data would carry beyond its bounds is pinned there: no delay is negative. Of what
-        is free, only what would pass the bound at which it does nothing: a propeller that is
-        stronger than new, made up for by scatter that is none, turns the vehicle at will.
+        A parameter that the data would move beyond its bound is pinned there: no delay is
+        negative. Of free parameters, only those that would pass the bound without effect: a
+        propeller that is stronger than new, made up for by scatter that is none, turns the vehicle
+        at will.
         """
-        columns, normal = self.columns, sum_of(tangent.normals)
+        unknowns, normal = self.unknowns, sum_of(tangent.normals)
         pinned: list[int] = []
         while True:
-            deviations = columns.deviations(free, widths, pinned=pinned)
+            deviations = unknowns.deviations(free, prior_std_scale, pinned=pinned)
             solution = solve(normal, deviations, prior_mean)
             over = []
-            for place, index in enumerate(columns.indices):
-                p = columns.parameters[index]
+            for place, index in enumerate(unknowns.indices):
+                p = unknowns.parameters[index]
                 value = theta[index] + solution.mean[place]
                 slack = _BEYOND * p.resolution
                 outside = value < p.low - slack or value > p.high + slack
@@ -315,32 +321,37 @@ class FlightProblem:
                 break
             pinned += over
         return Fit(
-            tuple(free), widths, theta, prior_mean, solution, normal, solution.evidence, tangent,
+            tuple(free), prior_std_scale, theta, prior_mean, solution, normal, solution.evidence,
+            tangent,
             tuple(pinned),
         )  # fmt: skip
 
     def fit(
-        self, free: Sequence[int], widths: Mapping[str, float], start: Fit, slopes: bool = True
+        self,
+        free: Sequence[int],
+        prior_std_scale: Mapping[str, float],
+        start: Fit,
+        slopes: bool = True,
     ) -> Fit:
         """Fit as `Model.fit` says, by Gauss-Newton.
 
         `slopes`: take those of the free parameters again; False: those of `start` will do.
         """
-        columns = self.columns
+        unknowns = self.unknowns
         # The first step leaves little to tolerances: where an effect is large, the tangent's own
         # error would be absorbed by a similar parameter.
-        held = columns.deviations(free, widths, tight=TIGHT if slopes else 1.0)
+        held = unknowns.deviations(free, prior_std_scale, tight=TIGHT if slopes else 1.0)
         solution = solve(start.normal, held, start.prior_mean)
         fit = start
         for step in range(_STEPS):
             moved = fit.theta.copy()
-            for place, index in enumerate(columns.indices):
-                p = columns.parameters[index]
+            for place, index in enumerate(unknowns.indices):
+                p = unknowns.parameters[index]
                 moved[index] = np.clip(fit.theta[index] + solution.mean[place], p.low, p.high)
             # Every parameter moves: the model is nonlinear within a tolerance too.
             change = max(
-                abs(moved[i] - fit.theta[i]) / columns.parameters[i].resolution
-                for i in columns.indices
+                abs(moved[i] - fit.theta[i]) / unknowns.parameters[i].resolution
+                for i in unknowns.indices
             )
             if change < _CLOSE:
                 break
@@ -348,14 +359,14 @@ class FlightProblem:
             renewed = free if slopes and step == 0 else ()
             tangent = self._about(moved, renewed, tangent_of(fit))
             prior_mean = fit.prior_mean.copy()
-            for place, index in enumerate(columns.indices):
+            for place, index in enumerate(unknowns.indices):
                 prior_mean[place] = self.theta[index] - moved[index]
-            fit = self._solved(free, widths, moved, prior_mean, tangent)
+            fit = self._solved(free, prior_std_scale, moved, prior_mean, tangent)
             solution = fit.solution
             if step and change < 0.3:
                 break
         if fit is start:
-            return self._solved(free, widths, fit.theta, fit.prior_mean, tangent_of(fit))
+            return self._solved(free, prior_std_scale, fit.theta, fit.prior_mean, tangent_of(fit))
         return fit
 
     def relinearized(self, fit: Fit) -> Fit:
@@ -365,7 +376,7 @@ class FlightProblem:
         """
         again = replace(fit, tangent=self._about(fit.theta, None, tangent_of(fit)))
         again = replace(again, normal=sum_of(again.tangent.normals))
-        return self.fit(fit.free, fit.widths, again, slopes=False)
+        return self.fit(fit.free, fit.prior_std_scale, again, slopes=False)
 
     def _weighed(self, parts: Sequence[Parts]) -> tuple[NormalEquations, ...]:
         return tuple(self._weigh(part, f) for f, part in enumerate(parts))
@@ -391,7 +402,7 @@ class FlightProblem:
             replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
             for new, old in zip(fresh, before.linears, strict=True)
         )
-        places = self.columns.places(renewed)
+        places = self.unknowns.places(renewed)
         parts = tuple(
             self._by_channel(linear, f, part, places)
             for f, (linear, part) in enumerate(zip(linears, before.parts, strict=True))
@@ -426,8 +437,8 @@ class FlightProblem:
         return parts
 
     def _weigh(self, parts: Parts, flight: int) -> NormalEquations:
-        matrix = np.zeros((self.columns.count, self.columns.count))
-        vector = np.zeros(self.columns.count)
+        matrix = np.zeros((self.unknowns.count, self.unknowns.count))
+        vector = np.zeros(self.unknowns.count)
         square = 0.0
         for group, (matrices, vectors, squares) in parts.items():
             weights = 1.0 / self.variances[flight][group]
@@ -437,7 +448,7 @@ class FlightProblem:
         return NormalEquations(matrix, vector, square)
 
     def _variances(self, unknowns: Array) -> list[dict[str, Array]]:
-        """Return the noise of each flight's channels, from what the unknowns leave unexplained."""
+        """Return the noise of each flight's channels, from the residual of the unknowns."""
         residual: dict[tuple[str, str], list[Array]] = {}
         for f, linear in enumerate(self.linears):
             for group, rows in linear.residual.items():
@@ -470,9 +481,9 @@ class FlightProblem:
         """
         again = copy(self)
         parameters = tuple(
-            replace(p, known_to=spread.get(p.label, p.known_to)) for p in self.columns.parameters
+            replace(p, known_to=spread.get(p.label, p.known_to)) for p in self.unknowns.parameters
         )
-        again.columns = replace(self.columns, parameters=parameters, draw_width=draw_width)
+        again.unknowns = replace(self.unknowns, parameters=parameters, draw_width=draw_width)
         fit = self.null_hypothesis
         again.null_hypothesis = again._solved(
             (), NOMINAL_WIDTHS, fit.theta, fit.prior_mean, tangent_of(fit)

@@ -57,19 +57,19 @@ class Linearization:
     driver: Track
     """The flight with the rotor speeds along which steps and slopes are taken."""
     start_along: Groups
-    """What the start of the fit leaves along them: group -> (rows, channels)."""
+    """Residual of the start of the fit along them: group -> (rows, channels)."""
     motion: MotionOfPoses
     """Behind the measured poses, of these parameters."""
     residual: Groups
     """group -> (rows, channels)."""
     slopes: dict[int, Groups]
-    """Index in theta -> group -> (rows, channels): change of what is predicted per unit."""
+    """Index in theta -> group -> (rows, channels): change of the prediction per unit."""
     draws: dict[int, Groups]
     """The same for those of the vehicle's draws that do something."""
     draw_width: float = 1.0
     """Standard deviation of these unknowns in the nominal model."""
     lost: Mapping[str, float] = field(default_factory=dict)
-    """Effect with a memory -> from when on poses as noisy as these don't tell what it does [s]."""
+    """Effect with a memory -> time after which poses of this noise no longer show it [s]."""
     noisy: Mapping[int, NDArray[np.bool_]] = field(default_factory=dict)
     """Index in theta -> (channels of the group slow): where its slope is noise of the poses, which
     is in the residuals too. There the slope is taken as zero: no evidence comes from it."""
@@ -86,7 +86,7 @@ class _PredictedFlight:
     residual: Groups
 
     def slope(self, p: FreeParameter) -> Groups | None:
-        """Return the change of what is predicted per unit of a parameter; None: none."""
+        """Return the change of the prediction per unit of a parameter; None: none."""
         moved = self.theta.copy()
         # Within the parameter's bounds.
         step = p.step if float(moved[p.index]) + p.step <= p.high else -p.step
@@ -119,10 +119,10 @@ def linearize(
     """Return residuals and slopes of a flight about `theta`.
 
     `indices` are those to differentiate; None: all of the registry, and the draws. `start` is the
-    same about other parameters: the residuals are then those with what the step from there
-    changes, along the rotor speeds that the commands ask for, as for slopes. `along` has these
-    speeds, where slopes of other parameters were taken along them: along others, two parameters
-    that are alike would differ by what a delay does. None: those of `theta`.
+    same about other parameters: the residuals then include the change by the step from there,
+    along the commanded rotor speeds, as for slopes. `along` has these speeds, where slopes of
+    other parameters were taken along them: along others, two parameters that are alike would
+    differ by what a delay does. None: those of `theta`.
     """
     motion = motion_of(track, nominal, theta)
     driver = along.driver if along else _with_commanded_speeds(track, nominal, theta, motion)
@@ -212,8 +212,8 @@ def _with_commanded_speeds(
 
     The noise of measured speeds is in the residuals; in the slopes too, the two would agree, and
     where a flight hardly yaws, an inertia that is too large would take that noise away. Slopes
-    from the commands are instruments: they know nothing of it. So are the steps of a fit: stronger
-    thrust would else be charged for making more of that noise.
+    from the commands are instruments: they know nothing of it. The same holds for the steps of a
+    fit: stronger thrust would else be charged for making more of that noise.
     """
     if not (track.speed.size and track.command.size):
         return track
@@ -225,7 +225,7 @@ def _with_commanded_speeds(
 def _where_noise(replica: _PredictedFlight, p: FreeParameter, change: Groups) -> NDArray[np.bool_]:
     """Return in which channels of the group slow a slope is noise of the poses to a good part.
 
-    Where a flight hardly turns, what an offset of the markers would do is the attitude's noise,
+    Where a flight hardly turns, the regressor of a marker offset is the attitude's noise,
     differentiated twice; a fit would find an offset in every flight. `replica` has it once more.
     """
     again = replica.slope(p)
@@ -235,7 +235,7 @@ def _where_noise(replica: _PredictedFlight, p: FreeParameter, change: Groups) ->
 
 
 def with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, float]:
-    """Return theta with the effects of the draws on, and what a draw then is in healthy flights.
+    """Return theta with the effects of the draws on, and the size of a draw in healthy flights.
 
     A nominal model without scatter has no slope with the draws: it is taken at a tenth of the size
     that matters. A healthy draw is the scatter over that, or its tolerance where that is more.
@@ -247,7 +247,7 @@ def with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, float]:
 
 
 def scatter_unit(theta: Array, p: FreeParameter) -> float:
-    """Return the deviation of thrust over its mean that a draw of 1 stands for.
+    """Return the relative deviation of thrust for a draw of 1.
 
     `p`: the parameter of the scatter, of which `theta` has a value.
     """

@@ -1,10 +1,10 @@
-"""What is excluded of flights: transients, and where an effect's memory is lost.
+"""Excluded spans of flights: transients, and where an effect's memory is lost.
 
 Transients: short disturbances (a touch, a knock, a jump of the poses) that no effect describes.
 
-A touch of the ground of a tenth of a second leaves a larger remainder than noise, and the verdict
-for the whole flight would be unknown. Transients are found in the remainder of the best
-explanation; they are excluded and reported.
+A ground contact of 0.1 s leaves a remainder above the noise. The verdict of the whole flight would
+be unknown. Transients are found in the remainder of the best explanation; they are excluded and
+reported.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _AROUND_S = 0.3
 _APART_S = 0.5
 _MOMENTS = 3
 _SHARE = 0.1
-"""Of a flight. What is more frequent or longer is no transient but an unknown cause."""
+"""Of a flight. More frequent or longer spans are an unknown cause, not transients."""
 _NORMAL = 1.4826
 """Standard deviation of normal noise over its median absolute deviation."""
 
@@ -88,7 +88,7 @@ def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]
 
 @dataclass(frozen=True)
 class LostMemory:
-    """The rest of a flight, in which the poses don't tell what an effect with a memory does."""
+    """The rest of a flight, in which the poses don't show an effect with a memory."""
 
     flight: int
     name: str

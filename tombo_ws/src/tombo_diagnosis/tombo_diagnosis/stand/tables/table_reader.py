@@ -310,7 +310,7 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
 
     Raises:
         InputError: empty, no header, columns missing, or values that can't be what they are said
-            to be; column, value and what is expected are named.
+            to be; it names column, value and the expected form.
     """
     loaded = None if mapping is None else load_mapping(mapping)
     table = open_table(path)
