@@ -50,12 +50,12 @@ class FlightTables:
 
     @cached_property
     def scenario(self) -> dict[str, Any]:
-        """What was flown, complete, with what the seed drew; a copy, to be changed at will."""
+        """A copy of the complete scenario flown, with the values that the seed drew."""
         return copy.deepcopy(self.record.scenario)
 
     @cached_property
     def log(self) -> pd.DataFrame:
-        """The truth at 1 kHz, and what the autopilot wanted; index t [s].
+        """The truth and the autopilot's set points at 1 kHz; index t [s].
 
         Columns as "position.x", "rates.z", "rotor_speed.front_left"; units in `tombo_sim`'s
         LogRow.
@@ -89,7 +89,7 @@ class FlightTables:
         return sorted(self.record.topics)
 
     def table(self, topic: str) -> pd.DataFrame:
-        """Return what was published on a topic; index t [s].
+        """Return the messages of a topic; index t [s].
 
         Raises:
             InputError: there is no such topic.
@@ -273,7 +273,7 @@ def _shown(value: Any) -> str:
 
 @contextmanager
 def new_file(path: str | Path, *, replace: bool) -> Iterator[Path]:
-    """Give the name of a hidden file beside `path`, which is put in its place at the end.
+    """Give the name of a hidden file in the folder of `path`, which replaces it at the end.
 
     Raises:
         InputError: it is there and may not be replaced, or can't be written.

@@ -88,8 +88,8 @@ class CollisionEnv(gymnasium.Env[Any, Any], EzPickle):
         Args:
             scenario: a name of `tombo list scenarios`, or a YAML file.
             disturbances: as --disturbances.
-            starts: so many flights up to the collision, of seeds 0 to `starts` - 1, are flown once
-                and begun from again. None: every episode has a flight of its own.
+            starts: number of flights up to the collision, of seeds 0 to `starts` - 1, that are
+            flown once as starting states. None: every episode has a flight of its own.
             render_mode: None; nothing is drawn.
             **settings: values of the scenario, keys as of --set.
 

@@ -48,7 +48,7 @@ class LogTables:
 
     @cached_property
     def findings(self) -> pd.DataFrame:
-        """What the reader noticed."""
+        """Notes of the reader."""
         import pandas as pd
 
         return pd.DataFrame([vars(finding) for finding in self.flight.findings])
@@ -68,7 +68,7 @@ class LogTables:
 
 @dataclass(frozen=True, repr=False)
 class DiagnosisTables:
-    """What a simulation gets wrong in measurements, and why."""
+    """Errors of a simulation against measurements, and their causes."""
 
     diagnosis: Diagnosis
     """The whole result; not a public interface."""

@@ -145,8 +145,9 @@ def detect(
     A sample that is not finite, not newer than the last one, or out of reach of a strike is
     refused: it changes nothing. The filter starts again after three samples that agree on a new
     position, and where stamps are more than `gap_max` apart. A clock was set if such a sample is
-    where the vehicle would be a period later, or if the distance fits some periods and the step
-    does not. The filter then continues: this sample raises no alarm, the next one may.
+    where the vehicle would be a period later. It was also set if the distance matches several
+    periods and the step does not. The filter then continues: this sample raises no alarm, the next
+    one may.
 
     Args:
         memory: of the detector.

@@ -1,6 +1,6 @@
 """The detector as node, replay and headless flight run it: each pose is checked before its use.
 
-Nothing that a motion capture can deliver may raise an alarm: a pose in another frame, from the
+No sample of a motion capture may raise an alarm: a pose in another frame, from the
 future, long late, twice, no number, or of another body is refused, with the reason.
 """
 
@@ -180,7 +180,7 @@ class DetectorCore(Core):
         return super().step(now_ns)
 
     def set_params(self, section: str, params: DetectorParams) -> None:
-        """Go on with other parameters; what was seen so far stays."""
+        """Go on with other parameters; earlier samples stay."""
         self.params = parameter_record(params)
         set_triggers(self.memory.detector, params)
 

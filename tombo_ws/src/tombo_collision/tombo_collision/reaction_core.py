@@ -438,7 +438,7 @@ class ReactionCore(Core):
         return why
 
     def _decided_on(self, event: CollisionEvent) -> Decision | None:
-        """Return what the reaction decides on a collision; None where it fails, too."""
+        """Return the reaction's decision on a collision; None where it fails, too."""
         try:
             decision = self.reaction.begin(event, self._estimate(), self.decision)
             if decision is not None:
@@ -456,7 +456,7 @@ class ReactionCore(Core):
 
     @property
     def decision(self) -> Decision | None:
-        """What was decided last; None before a collision."""
+        """The last decision; None before a collision."""
         return self._decision if self.memory.collisions else None
 
     def _estimate(self) -> Estimate:

@@ -26,7 +26,7 @@ OBSERVATION = (
     ("time since the decision", "s", 60.0, 1),
     ("struck rotor, one of four; all zero: not known", "1", 1.0, 4),
 )
-"""What is seen, unit, largest magnitude (what is more is cut there), how many numbers.
+"""Observation, unit, largest magnitude (larger values are clipped), number of values.
 
 In the policy's frame unless said."""
 HIGH: Array = np.array([top for _, _, top, count in OBSERVATION for _ in range(count)])
@@ -36,7 +36,7 @@ LOW: Array = np.where(np.arange(HIGH.size) < HIGH.size - 5, -HIGH, 0.0)
 ACTIONS = 6
 """Numbers of an action, each in [-1, 1]."""
 REACH, ACCELERATION = 0.5, 5.0
-"""m, m/s^2: what 1 of the first and the last three numbers of an action stands for."""
+"""m, m/s^2: value of 1 in the first and in the last three numbers of an action."""
 
 
 class Steering(Record):

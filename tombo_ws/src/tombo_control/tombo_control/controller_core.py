@@ -1,6 +1,6 @@
 """The controller as a node sees it: gyro samples, estimates and set points in, commands out.
 
-One call for each gyro sample. What is missing or stale decides how it flies, by the table of
+One call for each gyro sample. Missing or old inputs decide its state, by the table of
 `tombo_control.safety.state_machine`; without gyro it says nothing, and the flight controller
 behind it takes over.
 """
@@ -80,7 +80,7 @@ _NORMAL = (Condition.COMMANDED, Condition.TAKEOFF, Condition.DOWN, Condition.NEW
 
 _NEVER = -1
 _ANSWER_TIME = 0.5
-"""s: after a contact the controller recovers for so long before the reaction has said that."""
+"""s: time for which the controller recovers after a contact, before the reaction reports it."""
 
 
 class ControllerMemory(Record):

@@ -1,7 +1,7 @@
 """Pose and velocity from gyro, accelerometer and a late mocap pose.
 
-A fixed-gain observer: the IMU carries the state forward every millisecond, a mocap sample corrects
-it at the time it was captured, known from its stamp, so latency costs no phase.
+A fixed-gain observer: the IMU carries the state forward every millisecond. A mocap sample corrects
+it at its time of capture, so latency costs no phase.
 
 The controller gets an estimate 250 times a second and some milliseconds late. Between two of them
 it carries attitude and position on with its own gyro (`propagate`): that takes the delay out of

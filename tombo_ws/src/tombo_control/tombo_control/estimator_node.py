@@ -21,8 +21,8 @@ _TF_TICKS, _DISC_TICKS = 20, 100
 class EstimatorNode(CoreNode):
     """Hosts `EstimatorCore`: some four gyro samples a run, each in its turn.
 
-    The controller carries the estimate on with its own gyro, so 4 ms more cost nothing, and a wake
-    for each sample would cost a tenth of a core.
+    The controller carries the estimate on with its own gyro, so 4 ms more cost nothing. A wake for
+    each sample would cost a tenth of a core.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,7 @@
 """The mission as a node: flies its plan on the estimate, and follows the reaction's decisions.
 
 Beside the topics it takes the action `fly_course`. Goals come in the services' thread, the core is
-touched by the loop only: requests wait for it in a queue, and what it finds is handed back.
+touched by the loop only: requests wait for it in a queue, and it returns the answers.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Uncertainty of the estimate, from its gains and the noise of its innovations.
 
-The observer has fixed gains L and knows no noise beforehand. With the covariance M of its errors
-in units of the noise of a pose, each pose gives (Bar-Shalom, Estimation with Applications to
-Tracking and Navigation, 5.2: Joseph's form, good for any gain)
+The observer has fixed gains L and knows no noise beforehand. With M, the covariance of its errors
+in units of a pose's noise, each pose gives (Bar-Shalom, Estimation with Applications to Tracking
+and Navigation, 5.2: Joseph's form, good for any gain)
 
     M <- F M F',   s = 1 + M[0, 0],   M <- (I - L H) M (I - L H)' + L L',
 

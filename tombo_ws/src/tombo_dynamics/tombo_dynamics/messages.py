@@ -5,8 +5,8 @@ fields have a fixed number of values. Stamps are capture times [ns]. World `map`
 `base_link` FLU, SI units, quaternions xyzw.
 
 The metadata of a field are its `unit` (none: it has no unit), the `length` of an array, and the
-`path` where the message calls it otherwise. A class says the `frame` of its header unless it
-carries that as `frame_id`, and what is `fixed` in the message besides.
+`path` where the message calls it otherwise. A class has the `frame` of its header, unless it
+carries that as `frame_id`, and the `fixed` values of the message.
 """
 
 from __future__ import annotations

@@ -61,8 +61,8 @@ def hover_point(maps: RotorMaps, vehicle: VehicleParams) -> HoverPoint:
 def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
     """Build the table for a vehicle from a propeller's thrust map.
 
-    The highest speed is the lower of the drive's and the map's own limit (0.9 of the speed of
-    maximum thrust, beyond which more speed would soon mean less thrust).
+    The highest speed is the lower of the drive's and the map's limit. The map's limit is 0.9 of
+    the speed of maximum thrust, beyond which thrust decreases.
 
     Args:
         thrust_map: object with `omega_max` [rad/s], `thrust(omega)` [N] and `torque(omega)` [N m],

@@ -134,7 +134,7 @@ def _drops(value: Array, step: float, noise: float) -> list[tuple[int, float]]:
     """Return where drops begin, and the level that each time is to come back.
 
     After a drop the trace is recovering until it is near its level again; a further drop in that
-    time is a collision, too, and what is to come back is the level before the first.
+    time is a collision, too. Recovery is the return to the level before the first.
     """
     n = max(1, round(_SMOOTH / step))
     before = max(_LEAST_BEFORE, round(_BEFORE / step))

@@ -16,7 +16,7 @@ UNITS = {
     **dict.fromkeys(("N", "mN", "gf", "kgf", "lbf"), THRUST),
     **dict.fromkeys(("rpm", "rad/s", "Hz"), SPEED),
 }
-"""What is measured in a unit. Recovery is a share of the level, so values stay in theirs."""
+"""Quantity of a unit. Recovery is a share of the level, so values stay in theirs."""
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _SPELLED = {
     **{unit.lower(): unit for unit in UNITS},
@@ -65,7 +65,7 @@ def read_trace(
         unit: one of `UNITS`; without it the one in the column's name, or N, or rad/s for a speed.
         time_column: of time.
         time_unit: one of `TIME_UNITS`; without it the one in the column's name, or s.
-        tare: what the unloaded cell reads, in the column's unit.
+        tare: reading of the unloaded cell, in the column's unit.
 
     Raises:
         InputError: no such file, column or unit, or a unit that the column's name contradicts.

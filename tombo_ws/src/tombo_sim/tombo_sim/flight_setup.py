@@ -53,8 +53,8 @@ def begin(world: World, seed: int) -> FlightSetup:
         seed: all randomness derives from it.
 
     Raises:
-        InputError: the seed is not a whole number from 0, the propeller cannot lift the vehicle or
-            does not fit it, or the vehicle would start inside the obstacle.
+        InputError: the seed is not a whole number from 0; the propeller cannot lift the vehicle or
+        does not fit it; or the vehicle would start inside the obstacle.
     """
     seed = check_seed("seed", seed)
     vehicle = mounted_vehicle(world.vehicle, world.propeller)

@@ -45,9 +45,9 @@ def vehicle_effects(
     """Return the given effects, completed by the effects of propeller and frame.
 
     Given parameters stay. The frame meets an obstacle with the typical stiffness and
-    damping of `contact_force`: an obstacle is solid unless a stiffness of 0 is given. A plain
-    propeller is pushed as the paper's rigid one is, or one with a nodus, in proportion to its own
-    spin momentum over its radius, and stands strikes in proportion to its own energy in hover.
+    damping of `contact_force`: an obstacle is solid unless a stiffness of 0 is given. The push of
+    a plain propeller, or of one with a nodus, is the paper's, scaled by spin momentum over radius.
+    The strike energy that it withstands scales with its energy in hover.
     """
     folds = propeller.folds
     known = library_of(propeller).configurations

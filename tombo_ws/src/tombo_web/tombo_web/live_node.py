@@ -45,7 +45,7 @@ class LiveTopics:
         """Subscribe to the suite's topics.
 
         Args:
-            names: topic of the lab → topic of the suite that it stands for.
+            names: topic of the lab → topic of the suite.
 
         Raises:
             InputError: a name is unknown, or nothing publishes the lab's topic.
@@ -75,11 +75,11 @@ class LiveTopics:
         return (time.time_ns() - self._began_ns) / SECOND_NS
 
     def begin(self) -> list[TopicMessage]:
-        """Return nothing: what is latched comes by itself."""
+        """Return nothing: latched messages arrive by themselves."""
         return []
 
     def advance(self, elapsed_s: float) -> list[TopicMessage]:
-        """Return what has come since the last call, in the order of arrival."""
+        """Return the messages since the last call, in order of arrival."""
         messages = []
         for name, subscription, read in self._taken:
             for data, received_ns in subscription.take_raw():
@@ -99,7 +99,7 @@ class LiveTopics:
         self._answers += self._requests.read(f"{name}\n")
 
     def answers(self) -> list[dict[str, Any]]:
-        """Return what the nodes have answered since the last call."""
+        """Return the answers of the nodes since the last call."""
         answers, self._answers = [*self._answers, *self._requests.answers()], []
         return [{"kind": "answer", **answer["answer"]} for answer in answers]
 

@@ -50,5 +50,5 @@ def template(name: str) -> Template:
 
 
 def asset_text(name: str) -> str:
-    """Return the text of a file beside the templates."""
+    """Return the text of a file in the folder of the templates."""
     return (resources.files("tombo_web") / "assets" / name).read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""One source of messages and its view, frame by frame, with what a page may ask for."""
+"""A source of messages and its view, frame by frame, with the requests of a page."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class MessageSource(Protocol):
     """Its clock [s]."""
 
     def begin(self) -> list[TopicMessage]:
-        """Return what is known at the beginning."""
+        """Return the messages known at the beginning."""
 
     def advance(self, elapsed_s: float) -> list[TopicMessage]:
-        """Return what has come in so much real time [s]."""
+        """Return the messages of a span of real time [s]."""
 
 
 class LiveSession:
@@ -51,7 +51,7 @@ class LiveSession:
         self._take(source.begin())
 
     def hello(self) -> dict[str, Any]:
-        """Return what a page must know before the first frame."""
+        """Return the values that a page needs before the first frame."""
         source = self.source
         return {
             "kind": "hello",
@@ -68,7 +68,7 @@ class LiveSession:
         }
 
     def advance(self, elapsed_s: float) -> dict[str, Any]:
-        """Go on by so much real time [s] and return a frame."""
+        """Advance by a span of real time [s] and return a frame."""
         self._take(self.source.advance(elapsed_s))
         return self._frame()
 
@@ -114,7 +114,7 @@ class LiveSession:
         return sought
 
     def answers(self) -> list[dict[str, Any]]:
-        """Return what the nodes have answered to requests of the operator."""
+        """Return the answers of the nodes to requests of the operator."""
         answers = getattr(self.source, "answers", None)
         return [] if answers is None else answers()
 

@@ -1,4 +1,4 @@
-"""What the live page shows of the newest messages: a row for the 3-D scene, values, changes.
+"""The live page's view of the newest messages: a row for the 3-D scene, values, changes.
 
 World `map` ENU, body `base_link` FLU, SI units, quaternions xyzw.
 """
@@ -50,7 +50,7 @@ SCENE: Final = {
 }
 """Column of the scene → width, and topic and field from which it comes, the best first."""
 STALE_POSE_S: Final = 0.2
-"""Poses of the motion capture that are silent for so long are a fault."""
+"""Poses of the motion capture that are silent for this time are a fault."""
 _LEVELS: Final = ("ok", "warning", "error", "stale")
 _AXES: Final = {2: "xy", 3: "xyz", 4: "xyzw"}
 _NOT_SHOWN: Final = ("stamp_ns", "frame_id", "pose_covariance", "twist_covariance")
@@ -71,7 +71,7 @@ class TopicMessage(NamedTuple):
 
 
 class LiveView:
-    """The newest values of every topic, and what has changed since the last frame."""
+    """The newest values of every topic, and their changes since the last frame."""
 
     def __init__(self) -> None:
         self.signals: dict[str, float] = {}
@@ -106,7 +106,7 @@ class LiveView:
             self._tell(key, kind, text, message.time_s)
 
     def frame(self, now_s: float, picked: Iterable[str]) -> dict[str, Any]:
-        """Return what has to be shown now, as plain values for JSON; changes are given once.
+        """Return the values to show now, as plain values for JSON; changes are given once.
 
         Args:
             now_s: time of the source [s].
@@ -154,7 +154,7 @@ class LiveView:
         return row
 
     def _value(self, name: str) -> Any:
-        """Return a column of the scene; 0 for what is not known, upright for the attitude."""
+        """Return a column of the scene; 0 for unknown values, upright for the attitude."""
         width, sources = SCENE[name]
         for topic, field in sources:
             value = self._latest.get(topic, {}).get(field)
@@ -211,7 +211,7 @@ _OF_ROTORS = (TRUE_ROTORS.name, ROTOR_COMMAND.name)
 
 
 def _statements(topic: str, fields: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Return what a status or an event says: of what, its kind, the text after that."""
+    """Return the text of a status or an event: of what, its kind, the text after that."""
     if topic == MISSION_STATUS.name:
         return [("phase", "phase", _name(Phase, fields["phase"]))]
     if topic == REACTION_STATUS.name:

@@ -47,7 +47,7 @@ class Playback:
         self._start_s = self.first_s if start_s is None else start_s
 
     def begin(self) -> list[TopicMessage]:
-        """Return what was known at the beginning."""
+        """Return the messages known at the beginning."""
         return self.seek(self._start_s)
 
     def set_speed(self, speed: float) -> None:
@@ -61,15 +61,15 @@ class Playback:
         self.speed = speed
 
     def advance(self, elapsed_s: float) -> list[TopicMessage]:
-        """Go on by so much real time [s]; return the messages that have come since."""
+        """Advance by a span of real time [s]; return the messages that have come since."""
         return [] if self.paused else self._until(self.now_s + self.speed * elapsed_s)
 
     def step(self, flight_s: float) -> list[TopicMessage]:
-        """Go on by so much time of the flight [s], also where it is paused."""
+        """Advance by a span of the flight's time [s], also where it is paused."""
         return self._until(self.now_s + flight_s)
 
     def seek(self, time_s: float) -> list[TopicMessage]:
-        """Go to a time [s]; return what was known then: the newest message of each topic."""
+        """Go to a time [s]; return the messages known then: the newest message of each topic."""
         self._next = dict.fromkeys(self._topics, 0)
         self.now_s = self.first_s
         return self._until(time_s)

@@ -31,7 +31,7 @@ _LOCAL: Final = ("127.0.0.1", "localhost", "::1")
 
 @dataclass(frozen=True)
 class Access:
-    """Who may see a page, and who may command.
+    """Clients that may see a page, and clients that may command.
 
     On this machine everybody sees; elsewhere who has the token. Commands need the token and the
     page's own origin everywhere: another page of the same browser has neither.
@@ -108,7 +108,7 @@ def serve_page(
     """Print a page's address, and serve it until the process is asked to stop.
 
     Args:
-        name: what is printed before the address.
+        name: text printed before the address.
         host: where; others than this machine's own names need the token.
         port: 0: a free one.
         application: made for who may see the page.

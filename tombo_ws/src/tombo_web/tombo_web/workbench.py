@@ -1,4 +1,4 @@
-"""What the workbench computes: functions of requests, without a server."""
+"""The workbench's computations: functions of requests, without a server."""
 
 from __future__ import annotations
 

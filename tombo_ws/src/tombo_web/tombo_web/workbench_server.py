@@ -1,4 +1,4 @@
-"""Serves the workbench: its page, and what it asks for, as answers in JSON or as files."""
+"""Serves the workbench: its page, and answers to its requests, in JSON or as files."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ def _response(answer: Answer) -> Response:
 
 
 async def _body(request: Request) -> bytes:
-    """Return what was sent.
+    """Return the data sent.
 
     Raises:
-        InputError: it is too large; what is beyond the bound is not read.
+        InputError: it is too large; data beyond the bound is not read.
     """
     body = b""
     async for part in request.stream():

@@ -36,9 +36,9 @@ class Bounce(Reaction):
     def begin(self, event: CollisionEvent, estimate: Estimate, last: Decision | None) -> Decision:
         """Return x_r = x_c + d_r n_r (paper, Eq. of the reaction).
 
-        After a second collision the vehicle leaves along the new n_r; should that lead back to
-        within half of d_r of the earlier x_c, it leaves along the sum of both directions, or
-        sideways where the two cancel.
+        After a second collision the vehicle leaves along the new n_r; if that leads to within half
+        of d_r of the earlier x_c, it leaves along the sum of both directions, or sideways where
+        they cancel.
         """
         x_c, n_r = event.contact_position, against_flight(event.flight_direction)
         if last is not None:

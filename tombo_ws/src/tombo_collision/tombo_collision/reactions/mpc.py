@@ -20,7 +20,7 @@ from tombo_dynamics.vehicle import GRAVITY
 _STEPS, _STEP = 10, 0.1
 """Ten steps of 0.1 s: the way to x_r takes one second."""
 _SIDES = 8
-"""Of the polygon that stands for the cone, inside it."""
+"""Of the polygon inside the cone."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ def attitude_control(state: EstimatedState, setpoint: Setpoint, gains: ControlPa
     """Run the 250 Hz loop: `setpoint.rates` from the error of attitude.
 
     The error, from `state.attitude` to `setpoint.attitude`, is split into the shortest turn that
-    aligns body z and a turn about it, each with its own gain, so a large yaw error never bends the
+    aligns body z and a turn about it. Each has its own gain, so a large yaw error never bends the
     way to level (Brescianini et al. 2013, Eqs. 9 to 12). The quaternion's sign does not matter.
     """
     x, y, z, w = relative_rotation(setpoint.attitude, state.attitude)

@@ -17,7 +17,7 @@ _TURN_RAMP = 0.3
 """s: a turn takes this long to reach its rate."""
 _FOREVER = 1e9
 _SAME = 1e-9
-"""m or rad: what is nearer is the same."""
+"""m or rad: nearer points are the same."""
 
 
 class Leg(NamedTuple):

@@ -19,7 +19,7 @@ from tombo_dynamics.vehicle import ARM_X, ARM_Y, VehicleParams
 _NOISE_TIME, _SMOOTH_TIME = 0.5, 0.02
 """s: time constants of the mean squares of vibration, and of the yaw rate without it."""
 _MOMENT_SHARE = 0.2
-"""Of the largest moment that the push can have: how well yaw tells of it."""
+"""Of the largest moment that the push can have: how clearly yaw shows it."""
 _REST_SPEED = 0.05
 """m/s: a vehicle that was slower has no direction of flight; it is taken against the push."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from tombo_dynamics.params import param
 
 LEAST_TILT_MAX = 0.2
-"""[rad]: what is tilted less is never out of the limits, whatever `tilt_max` is."""
+"""[rad]: smaller tilts are always within the limits, at any `tilt_max`."""
 
 
 @dataclass(frozen=True)

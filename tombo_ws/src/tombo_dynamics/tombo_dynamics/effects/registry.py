@@ -1,4 +1,4 @@
-"""The registry of what can act on a flight, for simulation and fit alike.
+"""The registry of effects on a flight, for simulation and fit.
 
 An effect takes `(plant, noise, *theta)`: the vehicle (`tombo_dynamics.plant.Plant`), standard
 normal numbers of the tick (or of the mocap sample), and its parameters; it is compiled. One with
@@ -16,7 +16,7 @@ from tombo_dynamics.vehicle import VehicleParams
 
 
 class Stage(Enum):
-    """When in a tick an effect acts, and what it may change in the plant."""
+    """Time in a tick at which an effect acts, and the parts of the plant that it may change."""
 
     BODY = "body"
     """Once, before the flight: mass, inertia, centre of gravity, motor time constant, draws."""

@@ -343,7 +343,7 @@ def propeller_performance(
 
     Args:
         chosen: the configuration.
-        known: those whose measurements may stand in.
+        known: configurations whose measurements may be used instead.
 
     Returns:
         collision_force_N, recovery_s (0 for the rigid one).

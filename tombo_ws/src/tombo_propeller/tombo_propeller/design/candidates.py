@@ -1,8 +1,7 @@
 """All candidates: the soft propellers of the library, and a grid over the nodus' properties.
 
-Nobody has tried a nodus of another length, or at another place of the blade. The section is taken
-to scale with the blade where the nodus sits, the wing's mass and centroid are those of what is
-left outside of it.
+Other lengths and places of the nodus have not been tried. The section scales with the blade at the
+nodus. Mass and centroid of the wing are those of the blade outside of it.
 """
 
 from __future__ import annotations

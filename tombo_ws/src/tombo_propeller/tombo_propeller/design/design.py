@@ -86,10 +86,10 @@ def candidate_table(
 ) -> CandidateTable:
     """Return the figures of all candidates.
 
-    Thrust margin and lift over drag are the model's: extrapolated in speed, as nobody measured
-    beyond 3200 rpm, so their interval is not known and stands at the value. The other three are
-    readings, or predictions with an interval. Where the readings are of another blade, nothing is
-    within what was tested, and force goes with `strike_share`.
+    Thrust margin and lift over drag are the model's: extrapolated in speed, because measurements
+    end at 3200 rpm. Their interval is not known and has zero width. The other three are readings,
+    or predictions with an interval. Where the readings are of another blade, nothing is within
+    what was tested, and force goes with `strike_share`.
 
     Args:
         configurations: the candidates.
@@ -198,10 +198,10 @@ class Choice:
 def choose(judged: CandidateTable, limits: Sequence[DesignLimit], gain: float) -> Choice:
     """Order the candidates that keep the limits, and find how far the others are from them.
 
-    Evidence comes first: what was measured before what is predicted within the tested range, that
-    before what is extrapolated. Within each, the candidate whose smallest slack is largest, of
-    those on the front; of what is extrapolated the one that is least so. A prediction within the
-    tested range overtakes a measurement only if its smallest slack is larger by more than `gain`.
+    Evidence comes first: measured candidates before predictions within the tested range, and these
+    before extrapolations. Within each, the candidate whose smallest slack is largest, of those on
+    the front; of extrapolations, the nearest to the tested range. A prediction within the tested
+    range overtakes a measurement only if its smallest slack is larger by more than `gain`.
 
     Args:
         judged: the candidates.
@@ -278,8 +278,8 @@ def design(
         on_progress: called with the progress.
 
     Raises:
-        InputError: the library has no measured soft propeller with this blade and the request
-            does not extrapolate, or the vehicle is outside of what the simulator takes.
+        InputError: the library has no measured soft propeller with this blade and the request does
+        not extrapolate; or the simulator does not accept the vehicle.
     """
     vehicle = vehicle_for(request, blade)
     measured = measured_soft(library, blade, request.extrapolate)

@@ -36,7 +36,7 @@ _LEFT_OUT = 3.0
 MOST_FLOWN = 8
 """Largest number of candidates that are flown."""
 _MORE = 1.05
-"""After a failure only a candidate with so much more thrust, or another strike, is flown."""
+"""After a failure only a candidate with this much more thrust, or another strike, is flown."""
 
 
 @dataclass(frozen=True)

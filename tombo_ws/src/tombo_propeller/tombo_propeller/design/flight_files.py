@@ -74,7 +74,7 @@ def scenario_of(
 
 
 def library_texts(configuration: Configuration) -> dict[str, str]:
-    """Return file name → text of a library that holds one configuration and what it is made of."""
+    """Return file name → text of a library with one configuration and its materials."""
     nodus = configuration.nodus
     assert nodus is not None
     row: dict[str, Any] = {

@@ -74,7 +74,7 @@ class DesignRequest(DesignLimits):
     arm_m: float = 0.24
     law: str = "repaired"
     extrapolate: bool = False
-    """Whether predictions of the measured figures count outside of what was tested, too."""
+    """Whether predictions count outside of the tested range, too."""
 
     def __post_init__(self) -> None:
         """Refuse what can't be used.

@@ -213,7 +213,7 @@ def cell(design: Design, index: int, column: int) -> str:
 
 
 def candidates_shown(design: Design, recommendation: Recommendation) -> list[tuple[int, str]]:
-    """Return the candidates that a table shows and what is to be said of each."""
+    """Return the candidates of a table, with a text for each."""
     rows = [] if recommendation.index is None else [(recommendation.index, "recommended")]
     rows += [(index, "fails in flight") for index, _ in recommendation.failed]
     rows += alternatives(design, recommendation)
@@ -228,7 +228,7 @@ def candidates_shown(design: Design, recommendation: Recommendation) -> list[tup
 def alternatives(
     design: Design, recommendation: Recommendation, most: int = 3
 ) -> list[tuple[int, str]]:
-    """Return others worth a look: index and what they break; those that fit were not flown."""
+    """Return further candidates: index, and the requirements that it fails or `_UNFLOWN`."""
     skip = {recommendation.index, *(i for i, _ in recommendation.failed)}
     feasible = [i for i in design.choice.order if i not in skip][:most]
     chosen = [(i, _UNFLOWN) for i in feasible]

@@ -39,7 +39,7 @@ class Optimum:
     beta_deg: float
     gamma_deg: float
     inside: bool
-    """False: it still rises at the end of the law's range, so it is no maximum."""
+    """False: it still rises at the end of the law's range, which is not a maximum."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def collapse(law: str, top_rpm: float = 15000.0) -> tuple[Array, Array]:
     for name in ("flap_compliance", "lag_compliance"):
         rows[:, SCALARS[name]] = rows[0, SCALARS[name]] / twist[0] * twist
     shear = 1e6 * np.array([nodus_moduli(c, law).G_N_MPa for c in soft])
-    scale = shear[0] * twist[0] / twist  # what the law's own compliance says of G_N
+    scale = shear[0] * twist[0] / twist  # G_N by the law's compliance
     s = np.linspace(0.05, 1.0, 40) * (top_rpm * RPM) ** 2 / scale.max()
     points = evaluate_rows(rows[:, None], np.sqrt(s * scale[:, None]), law, "mask")
     return s, np.stack(

@@ -253,4 +253,4 @@ FIGURES: Final[dict[str, tuple[Callable[[Reproduction], Figure], str, str]]] = {
         "figures of thrust, ε, α, β and γ against ω",
     ),
 }
-"""File name → how it is drawn, what it shows, and which figures of the paper it has."""
+"""File name → drawing function, caption, and figures of the paper."""

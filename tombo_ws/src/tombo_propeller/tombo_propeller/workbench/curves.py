@@ -128,7 +128,7 @@ def _curve(
 
 
 def _shown(values: Array | None) -> list[float] | None:
-    """Return values to five digits: what a page can show."""
+    """Return values to five digits: contents of a page."""
     return None if values is None else [float(f"{x:.5g}") for x in values.tolist()]
 
 

@@ -46,8 +46,8 @@ def propeller_choice(values: Mapping[str, Any], library: Library) -> ChosenPrope
     """Return the propeller that is described.
 
     Args:
-        values: blade, matrix and fibre by name; soft; the KNOBS. What is missing is as in
-            configuration 13.
+        values: blade, matrix and fibre by name; soft; the KNOBS. Missing values are those of
+        configuration 13.
         library: of blades, materials and configurations; a configuration that is described
             exactly is taken as it is.
 

@@ -1,6 +1,6 @@
 """Errors of a thrust-stand run, each as one function; and what the stand then reads."""
 
-# The registry keeps this order: what the rotor does, then what the stand reads of it.
+# The registry keeps this order: effects on the rotor, then on the readings of the stand.
 from tombo_dynamics.propeller.effects import rotor, readings  # isort: skip
 from tombo_dynamics.propeller.effects.predict import Draws, Setup, nulls, predict
 from tombo_dynamics.propeller.effects.registry import (

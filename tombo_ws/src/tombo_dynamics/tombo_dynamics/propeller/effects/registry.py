@@ -1,4 +1,4 @@
-"""The registry of what can be wrong in a thrust-stand run, for simulation and fit alike.
+"""The registry of faults of a thrust-stand run, for simulation and fit.
 
 An effect's function takes `(run, *theta)` and changes a `StandRun` in place; it is not compiled.
 """
@@ -32,7 +32,7 @@ check_stand_theta = STAND_EFFECTS.check_theta
 
 
 CHANNELS = ("thrust", "torque", "beta", "reference_speed")
-"""What a stand may measure; in N, N m, rad, rad/s."""
+"""Quantities that a stand may measure; in N, N m, rad, rad/s."""
 LIFT, DRAG, TORQUE = slice(18, 24), slice(24, 30), slice(30, 36)
 """Places of the wing's weights in a parameter row."""
 

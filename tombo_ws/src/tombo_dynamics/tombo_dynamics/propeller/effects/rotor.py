@@ -31,7 +31,7 @@ _RELATIVE = (-0.6, 1.5)
     },
 )
 def thrust_coefficient(m: StandRun, error: float) -> None:
-    """Multiply the lift of every section, and what it bends and twists."""
+    """Multiply the lift of every section, with its bending and twist."""
     if m.plain:
         m.rows[:, 0] *= 1.0 + error
         return

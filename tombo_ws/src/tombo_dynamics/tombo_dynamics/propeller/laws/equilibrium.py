@@ -10,8 +10,7 @@ In the twist, F_c pulls in plane with tan(alpha), as in the paper, where the equ
 tan(0.1418 - alpha). The thrust's maximum comes from this one term.
 
 Law `consistent`: both equations have the same in-plane force, F_c tan(0.1418 - alpha). The pull
-then fades as the wing lags, the twist saturates, and there is no maximum of thrust below
-18 000 rpm.
+then fades as the wing lags, and the twist saturates. Thrust has its maximum above 18 000 rpm.
 
 The physical root is the one that continues the equilibrium at rest. Newton's method alone finds
 some root; for very soft or far offset wings that can be one beyond a turning point, which no

@@ -1,7 +1,7 @@
-"""A claim of the paper, what the laws make of it, and how its verdict follows.
+"""A claim of the paper, the value by the laws, and the rule of its verdict.
 
 `claims.yaml` is the table of all claims. For each row a function of the same name, marked with
-`judges`, draws value and verdict from what is printed and what is computed, and from nothing else.
+`judges`, draws value and verdict from printed and computed values alone.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Judged:
     """None where the law has no such number."""
     verdict: Verdict
     texts: Mapping[str, object] = field(default_factory=dict)
-    """What the claim's texts have in braces; those of the judging law count."""
+    """Values for the braces in the claim's texts; those of the judging law count."""
     each: Mapping[str, object] = field(default_factory=dict)
     """The same, told law by law."""
 
