@@ -30,9 +30,7 @@ from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_flight.suite.nodes import free_domain, node_environment, udp_ports
 from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
-from tombo_px4.hil.flight import HilFlight
-from tombo_px4.hil.hil_start_help import airframe_parameters
-from tombo_px4.hil.link import PX4_PORT
+from tombo_px4.hil.flight import PX4_PORT, HilFlight, airframe_parameters
 
 PAGE: Final = Path("docs/first_real_flight.md")
 SCENARIO, VEHICLE = "first.yaml", "my_vehicle.yaml"

@@ -17,9 +17,7 @@ from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
 from tombo_flight.suite.px4_connection import px4_connection
 from tombo_px4.bridge.bridge_params import SIMULATED
 from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
-from tombo_px4.hil.flight import HilFlight
-from tombo_px4.hil.hil_start_help import airframe_parameters
-from tombo_px4.hil.link import PX4_PORT
+from tombo_px4.hil.flight import PX4_PORT, HilFlight, airframe_parameters
 
 
 def fly_nodes_with(

@@ -13,7 +13,7 @@ from vehicle_bench import table_with
 
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.message_decoder import StatusTextAssembler
+from tombo_px4.link.messages import StatusTextAssembler
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.world import World
 

@@ -4,7 +4,7 @@ import struct
 import pytest
 from endpoint_bench import bench, of
 
-from tombo_px4.link.message_encoder import float_of_int
+from tombo_px4.link.messages import float_of_int
 
 INT32, REAL32 = 6, 9
 
@@ -78,7 +78,7 @@ def test_to_a_wrong_type_or_name_px4_is_silent(name, value, kind, fresh):
     heard = fresh.run(0.2)
     assert not [m for m in heard if m.get_type() in ("PARAM_VALUE", "PARAM_ERROR", "STATUSTEXT")]
     assert [table.stored(name) for name in table.names] == before
-    assert any(name in why for why in fresh.endpoint.announcer.refused)
+    assert any(name in why for why in fresh.endpoint.refused)
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 7), (0, 1)])

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from vehicle_bench import GROUND, Flight, hovering, motion, ready
 
-from tombo_px4.autopilot.vehicle_state import TakeoffState
-from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
+from tombo_px4.autopilot.commander import TakeoffState
+from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, MavLandedState, Result
 
 pytestmark = pytest.mark.slow
 

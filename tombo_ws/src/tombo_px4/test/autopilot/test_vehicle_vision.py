@@ -9,8 +9,7 @@ import yaml
 from vehicle_bench import Flight, hovering, ready
 
 from tombo_px4.autopilot.parameters import FLOWN_BY_POSES
-from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import AUTO_LAND, AUTO_TAKEOFF, mode_name
+from tombo_px4.modes import AUTO_LAND, AUTO_TAKEOFF, MavLandedState, Result, mode_name
 
 AWAY = np.array([3.0, 0.0, 0.0])
 

@@ -18,26 +18,23 @@ from tombo_px4.autopilot.commander import (
     DESCEND,
     TERMINATE,
     ArmingHealth,
+    BatteryCharge,
+    BatteryMeter,
     Commander,
     CommanderInput,
+    LandDetector,
+    TakeoffState,
 )
 from tombo_px4.autopilot.ekf2_model import Ekf2Model
-from tombo_px4.autopilot.navigator import Navigator
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.setpoint_controller import (
     ControlLevel,
+    Navigator,
     OffboardSetpoint,
     SetpointController,
     finite_or_nan,
     refusal_of,
 )
-from tombo_px4.autopilot.vehicle_state import (
-    BatteryCharge,
-    BatteryMeter,
-    LandDetector,
-    TakeoffState,
-)
-from tombo_px4.link.decoded_messages import MavLandedState, Result, Severity
 from tombo_px4.modes import (
     ALTCTL,
     AUTO_HOLD,
@@ -47,7 +44,10 @@ from tombo_px4.modes import (
     MANUAL,
     OFFBOARD,
     STABILIZED,
+    MavLandedState,
     Mode,
+    Result,
+    Severity,
 )
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World

@@ -32,7 +32,7 @@ from tombo_px4.bridge.pose_motion import (
     second_differences,
 )
 from tombo_px4.bridge.setpoint_stream import FlightLimits
-from tombo_px4.link.decoded_messages import VehicleImu, VehicleOdometry
+from tombo_px4.link.messages import VehicleImu, VehicleOdometry
 
 _LEVEL, _UPWARD = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _UP = GRAVITY * _UPWARD

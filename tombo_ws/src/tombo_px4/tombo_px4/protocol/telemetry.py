@@ -22,8 +22,7 @@ from tombo_px4.frames import (
     ned_from_enu,
     px4_quaternion,
 )
-from tombo_px4.link.decoded_messages import MavLandedState
-from tombo_px4.modes import custom_mode
+from tombo_px4.modes import MavLandedState, custom_mode
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
