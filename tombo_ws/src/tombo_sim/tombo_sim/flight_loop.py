@@ -90,15 +90,6 @@ class Mail(NamedTuple):
 
 
 @compiled(counted=False)
-def _mail_of(flights: Flights, i: int) -> Mail:
-    """Return the messages of flight i."""
-    return Mail(
-        flights.published, i, flights.counts[i], flights.there[i], flights.fresh[i],
-        flights.waiting[i],
-    )  # fmt: skip
-
-
-@compiled(counted=False)
 def fly(flights: Flights, shared: Shared, i: int, stop: int) -> bool:
     """Fly `flights` i until tick `stop`, its end, or a step to make in Python: then True."""
     # records are handed over: of a row of an array each field's address would be worked out apart
@@ -106,7 +97,10 @@ def fly(flights: Flights, shared: Shared, i: int, stop: int) -> bool:
     controller, autopilot = flights.memories[CONTROLLER]
     mission_params, waypoints, mission_limits = shared.params[MISSION]
     maps, controller_limits = shared.params[CONTROLLER]
-    mail = _mail_of(flights, i)
+    mail = Mail(
+        flights.published, i, flights.counts[i], flights.there[i], flights.fresh[i],
+        flights.waiting[i],
+    )  # fmt: skip
     return fly_ticks(
         flights.plant[i], shared.maps[0], flights.theta[i], flights.noise[i], flights.base[i],
         flights.capture_ticks[i], flights.mocap_noise[i], flights.entries[i], flights.captures[i],
@@ -341,7 +335,10 @@ def step_reaction(flights: Flights, shared: Shared, i: int) -> None:
     """Step the reaction of flight i, which was left to Python in the last tick."""
     tick = flights.progress[i].tick - 1
     memory, limits = flights.memories[REACTION][0][i], shared.params[REACTION][0][0]
-    mail = _mail_of(flights, i)
+    mail = Mail(
+        flights.published, i, flights.counts[i], flights.there[i], flights.fresh[i],
+        flights.waiting[i],
+    )  # fmt: skip
     reaction_step(memory, limits, EPOCH_NS + tick * TICK_NS)
     _publish_reaction(memory, mail, tick)
 

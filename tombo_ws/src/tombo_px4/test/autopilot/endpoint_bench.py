@@ -130,7 +130,7 @@ class Bench:
 
     def settle(self) -> None:
         """Let time pass until the vehicle can be armed."""
-        self.run(10.0, lambda _: self.vehicle.health.armable)
+        self.run(10.0, lambda _: not self.vehicle.problems)
 
     def take_off(self, height: float = 1.0) -> None:
         self.settle()

@@ -93,7 +93,7 @@ class Desk:
 def test_who_may_arm(mode, changes, why):
     desk = Desk(mode)
     desk.see(**changes)
-    assert any(why in p for p in desk.commander.health(desk.now).problems) == bool(why)
+    assert any(why in p for p in desk.commander.problems(desk.now)) == bool(why)
     result = desk.commander.arm(desk.now)
     if why:
         assert result == Result.TEMPORARILY_REJECTED and not desk.commander.armed

@@ -143,23 +143,8 @@ _BATTERY = ("", "Low battery", "Critical battery", "Emergency battery level")
 Say = Callable[[Severity, str], None]
 
 
-class ArmingHealth(NamedTuple):
-    """Reasons that deny arming, as texts for the operator, and what is known."""
-
-    problems: tuple[str, ...]
-    """Empty: it may be armed in the present mode."""
-    attitude: bool
-    local_position: bool
-    global_position: bool
-
-    @property
-    def armable(self) -> bool:
-        """Whether arming is allowed in the current mode."""
-        return not self.problems
-
-
 class CommanderInput(NamedTuple):
-    """Inputs of the commander."""
+    """What the vehicle knows of itself, by which the commander decides."""
 
     tick: int
     attitude: bool
@@ -227,8 +212,8 @@ class Commander:
         limit = TICK_HZ * self._parameters.get("COM_OF_LOSS_T")
         return now.signal_tick < 0 or now.tick - now.signal_tick > limit
 
-    def health(self, now: CommanderInput) -> ArmingHealth:
-        """Return what arming in the present mode would be denied for."""
+    def problems(self, now: CommanderInput) -> tuple[str, ...]:
+        """Return what arming in the present mode would be denied for, as texts; () if nothing."""
         problems = [self.missing(self.user_intended_mode, now)]
         if self.user_intended_mode in _NOT_FOR_ARMING:
             problems.append("Mode not suitable for arming")
@@ -236,12 +221,7 @@ class Commander:
             problems.append(_BATTERY[now.battery.warning])
         if self.terminated:
             problems.append("Flight termination active")
-        return ArmingHealth(
-            tuple(dict.fromkeys(filter(None, problems))),
-            now.attitude,
-            now.local_position,
-            now.global_position,
-        )
+        return tuple(dict.fromkeys(filter(None, problems)))
 
     # --- commands
 
@@ -249,7 +229,7 @@ class Commander:
         """Arm, if nothing is in the way. Force does not help: PX4 checks commands from outside."""
         if self.armed:
             return Result.ACCEPTED
-        problems = self.health(now).problems
+        problems = self.problems(now)
         if problems:
             self._say(Severity.CRITICAL, "Arming denied: Resolve system health failures first")
             for problem in problems:

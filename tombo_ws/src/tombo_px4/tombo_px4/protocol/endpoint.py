@@ -327,7 +327,7 @@ class Endpoint:
     def _run_checks(self) -> Result:
         if self.vehicle.armed:
             return Result.TEMPORARILY_REJECTED
-        for problem in self.vehicle.health.problems:
+        for problem in self.vehicle.problems:
             self.say(Severity.CRITICAL, f"Preflight Fail: {problem}")
         return Result.ACCEPTED
 

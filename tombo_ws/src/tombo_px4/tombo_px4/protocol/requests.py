@@ -147,7 +147,7 @@ class ParameterServer:
         """Return PARAM_VALUE of a parameter; nothing if there is none: PX4 is silent."""
         if name not in self._names:
             return []
-        kind, value = self._table.type_of(name), self._table.stored(name)
+        kind, value = self._table.type_of(name), self._table.stored[name]
         if kind == "int32":
             value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
         index, count = self._names.index(name), len(self._names)

@@ -40,7 +40,7 @@ def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
         f"{boot_ns * 1e-9:7.1f} s",
         f"{'armed' if v.armed else 'disarmed'}, {mode_name(v.mode)}, "
         f"{v.landed.name.lower().replace('_', ' ')}",
-        f"x {x:.2f} y {y:.2f} z {z:.2f} m" if v.health.local_position else "no position",
+        f"x {x:.2f} y {y:.2f} z {z:.2f} m" if v.situation.local_position else "no position",
         f"{v.battery.voltage:.1f} V {100.0 * v.battery.remaining:.0f} %",
         f"heard {', '.join(clients)}" if clients else "no client connected",
     ]
