@@ -9,7 +9,6 @@ each direction has its own name: a call says what it has and what it wants.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,16 +91,6 @@ def ros_quaternion(attitude: ArrayLike) -> Array:
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     out = _HALF * np.stack([x + y, x - y, w - z, w + z], axis=-1)
     return _w_positive(out, 3)
-
-
-def euler(q: Sequence[float]) -> tuple[float, float, float]:
-    """Return roll, pitch, yaw [rad] (Z-Y-X) of a quaternion wxyz, in its own frames."""
-    w, x, y, z = q
-    return (
-        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-        math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
-        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-    )
 
 
 def px4_yaw(yaw: float) -> float:

@@ -111,8 +111,7 @@ class _RealPx4(LockstepPx4):
         self._hil = HilSimulator(
             world, setup.seed, port, speed=0.0, gps=False, watch=self._watch, hand=hand
         )
-        airframe = airframe_parameters(world, self._hil.flight)
-        self._parameters = {**airframe, **MOCAP_ONLY}
+        self._parameters = {**airframe_parameters(world, setup.seed), **MOCAP_ONLY}
 
     def _watch(self, simulator: Simulator) -> None:
         self.watch(simulator)

@@ -235,7 +235,10 @@ def test_an_acknowledgement_is_no_confirmation():
 
 
 def test_a_heartbeat_from_before_the_order_confirms_nothing():
-    transaction, texts = CommandTransaction(VehicleCommand(mode=OFFBOARD), 2), RecentStatusTexts()
+    transaction, texts = (
+        CommandTransaction(VehicleCommand(mode=OFFBOARD), 2),
+        RecentStatusTexts(maxlen=8),
+    )
     old = Heartbeat(SECOND, False, OFFBOARD)
     assert transaction.tick(old, texts, SECOND + STEP), "it is sent even if it looks met"
     transaction.tick(old, texts, SECOND + 2 * STEP)

@@ -26,13 +26,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import body_to_map, unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import SIMULATED
-from tombo_px4.bridge.pose_motion import (
-    SHORT_HALF,
-    fit_axes,
-    integrate,
-    rotation_spans,
-    second_differences,
-)
+from tombo_px4.bridge.pose_motion import SHORT_HALF, fit_axes, second_differences
 
 
 @dataclass(frozen=True)
@@ -238,8 +232,8 @@ def _judge_motion(
     angle_max: float,
 ) -> HandVerdict | None:
     """Return what the motion shows; None: the vehicle was not turned enough to tell."""
-    begin_ns = imu[0][0]
-    times = np.array([(t - begin_ns) * 1e-9 for t, _, _ in imu])
+    imu_stamps = np.array([s[0] for s in imu])
+    times = (imu_stamps - imu_stamps[0]) * 1e-9
     rates, force = np.array([g for _, g, _ in imu]), np.array([f for _, _, f in imu])
     stamps = np.array([p[0] for p in poses])
     positions, attitudes = np.array([p[1] for p in poses]), np.array([p[2] for p in poses])
@@ -252,14 +246,13 @@ def _judge_motion(
     about, carried = tuple(turned.tolist()), tuple(ways.tolist())
     if min(about) < TURN_RAD:
         return HandVerdict(math.nan, "", True, about, carried, False, least)
-    spans = rotation_spans(stamps, attitudes, begin_ns)
-    fit = fit_axes(times, integrate(times, rates), spans, any_axes=True)
+    fit = fit_axes(imu_stamps, rates, stamps, attitudes, any_axes=True)
     if not len(fit.felt):
         return None
     if fit.left > _AGREES:
         return HandVerdict(math.nan, _UNEXPLAINED, False, about, carried, False, least)
     axes = np.eye(3) if _angle(fit.axes) <= angle_max else fit.axes
-    seconds = (stamps - begin_ns) * 1e-9 - fit.delay_s
+    seconds = (stamps - imu_stamps[0]) * 1e-9 - fit.delay_s
     motion = _compare_motion(seconds, positions, attitudes, times, force @ axes.T)
     moves = motion.compared and least >= CARRY_M
     mistake = _explain(axes, motion, angle_max)

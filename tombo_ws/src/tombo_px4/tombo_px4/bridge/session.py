@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import common as mav
 
@@ -109,17 +109,14 @@ class SetpointSource(Enum):
     """Nothing is sent: PX4 must not return to OFFBOARD."""
 
 
-@dataclass(frozen=True)
-class OperatorRequest:
-    """A request of an operator."""
+class OperatorRequest(NamedTuple):
+    """A request of an operator, a key of `_COMMANDS`."""
 
     number: int
     kind: str
-    """`arm`, `disarm`, `offboard`, `takeoff`, `land`, `hold` or `kill`."""
 
 
-@dataclass(frozen=True)
-class Reply:
+class Reply(NamedTuple):
     """The answer to a request, once it is known."""
 
     number: int
@@ -127,8 +124,7 @@ class Reply:
     text: str
 
 
-@dataclass(frozen=True)
-class SessionInput:
+class SessionInput(NamedTuple):
     """Inputs of one tick."""
 
     now_ns: int
@@ -199,20 +195,17 @@ class BridgeOutput:
     """What was shown just now of the poses' axes: to be kept."""
 
 
-class RecentStatusTexts:
+class RecentStatusTexts(deque[StatusText]):
     """The last warnings of PX4, to explain a refusal."""
-
-    def __init__(self) -> None:
-        self._texts: deque[StatusText] = deque(maxlen=8)
 
     def take(self, text: StatusText) -> None:
         """Keep a text if it is a warning or worse."""
         if text.severity <= Severity.WARNING:
-            self._texts.append(text)
+            self.append(text)
 
     def since(self, time_ns: int) -> str:
         """Return the texts since a time, each once."""
-        texts = dict.fromkeys(t.text for t in self._texts if t.arrival_ns >= time_ns)
+        texts = dict.fromkeys(t.text for t in self if t.arrival_ns >= time_ns)
         return ", ".join(f"'{text}'" for text in texts)
 
 
@@ -318,7 +311,7 @@ class Session:
         self.stage = SessionStage.WAITING
         self.why = ""
         """Why it is in this state."""
-        self.recent_texts = RecentStatusTexts()
+        self.recent_texts = RecentStatusTexts(maxlen=8)
         self._timeout_ns = round(link_timeout_s * SECOND_NS)
         self._transaction: CommandTransaction | None = None
         self._engage_allowed = self._mission_seen = False
@@ -379,7 +372,7 @@ class Session:
         if self.stage in (SessionStage.ENTERING_OFFBOARD, SessionStage.ARMING):
             self._give_up(why)
         elif self._transaction is not None:
-            self._transaction = CommandTransaction(self._transaction.order, _MODE_TRIES)
+            self._order(self._transaction.order)
 
     def tick(self, view: SessionInput, out: BridgeOutput) -> None:
         """Decide; the result is added to `out`."""
@@ -397,7 +390,8 @@ class Session:
         self._end_lost_flight(view, stopped_s)
         if view.fresh:
             self._update_mission(view)
-        self._update_landed_time(view)
+        stands = view.landed == MavLandedState.ON_GROUND and view.beat.armed
+        self._landed_since_ns = (self._landed_since_ns or view.now_ns) if stands else None
         self._handle_requests(view)
         if self._request is None:
             self._advance(view)
@@ -485,7 +479,7 @@ class Session:
     def _begin_level_descent(self, view: SessionInput) -> None:
         """Descend by thrust: PX4's own landing would follow the poses."""
         self._descended_level, self._level_descent_ns = True, view.now_ns
-        self._transaction = CommandTransaction(_OFFBOARD, _MODE_TRIES)
+        self._order(_OFFBOARD)
 
     def _land(self, view: SessionInput, why: str) -> None:
         """End the flight: PX4 lands, and gets no set point any more."""
@@ -495,7 +489,7 @@ class Session:
         self._set_stage(SessionStage.LANDING, why)
         self._flight_lost, self._engage_allowed = True, False
         self._landing_from = view.beat.mode
-        self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
+        self._order(_LAND)
 
     # --- The operator -------------------------------------------------------------------------
 
@@ -635,7 +629,7 @@ class Session:
             self._out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)
         elif self._stream_since_ns and view.now_ns - self._stream_since_ns >= _STREAM_FIRST_NS:
             self._set_stage(SessionStage.ENTERING_OFFBOARD, "")
-            self._transaction = CommandTransaction(_OFFBOARD, _MODE_TRIES)
+            self._order(_OFFBOARD)
             self._entering(view)
 
     def _entering(self, view: SessionInput) -> None:
@@ -649,7 +643,7 @@ class Session:
             self._give_up(refusal)
         elif self._transaction is not None and self._transaction.done:
             self._set_stage(SessionStage.ARMING, "")
-            self._transaction = CommandTransaction(_ARM, _ARM_TRIES)
+            self._order(_ARM, _ARM_TRIES)
             self._arming(view)
 
     def _arming(self, view: SessionInput) -> None:
@@ -684,7 +678,7 @@ class Session:
             view.phase == Phase.LANDED and view.landed != MavLandedState.ON_GROUND
         ):
             self._set_stage(SessionStage.LANDING, "")
-            self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
+            self._order(_LAND)
             self._landing(view)
         elif (
             view.phase in _GROUND
@@ -692,7 +686,7 @@ class Session:
             and self._armed_for_flight
             and self._transaction is None
         ):
-            self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
+            self._order(_DISARM)
         elif view.phase in _FLIGHT:
             self._transaction = None
         if self.stage == SessionStage.FLYING:
@@ -717,14 +711,14 @@ class Session:
             self._mode_taken(view, "land")
         elif not lands and not under_way:
             if view.now_ns >= self._land_again_ns:
-                self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
+                self._order(_LAND)
         else:
             self._disarm_on_ground(view)
 
     def _descend_level(self, view: SessionInput, since_ns: int) -> None:
         """Come down by thrust in OFFBOARD; switch the rotors off on the ground."""
         if view.touched and (self._transaction is None or self._transaction.order != _KILL):
-            self._transaction = CommandTransaction(_KILL, _MODE_TRIES)
+            self._order(_KILL)
         command = self._transaction
         entering = command is not None and command.order == _OFFBOARD and not command.done
         taken = view.beat.mode != OFFBOARD and not entering
@@ -734,11 +728,12 @@ class Session:
                 self._mode_taken(view, "offboard")
                 return
             self._level_descent_ns = None
-            self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
+            self._order(_LAND)
 
     def _disarm_on_ground(self, view: SessionInput) -> None:
-        if self._stays_on_ground(view) and self._transaction is None:
-            self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
+        since_ns = view.now_ns if self._landed_since_ns is None else self._landed_since_ns
+        if view.now_ns - since_ns > _SELF_DISARM_NS and self._transaction is None:
+            self._order(_DISARM)
 
     def _external_mode(self, view: SessionInput) -> None:
         if not view.beat.armed:
@@ -759,7 +754,7 @@ class Session:
                 self._set_stage(SessionStage.EXTERNAL_MODE, f"in the air after: {self.why}")
                 return
             if self._transaction is None:
-                self._transaction = CommandTransaction(_DISARM, _ARM_TRIES)
+                self._order(_DISARM, _ARM_TRIES)
                 self._out.events.append(("disarmed", f"armed halfway, disarmed again: {self.why}"))
         if refusal := self._step_transaction(view):
             self._set_stage(
@@ -807,6 +802,10 @@ class Session:
             if transaction.order.armed:
                 self._arm_request_ns = view.now_ns
 
+    def _order(self, command: VehicleCommand, tries: int = _MODE_TRIES) -> None:
+        """Begin a command of the session, in place of the one under way."""
+        self._transaction = CommandTransaction(command, tries)
+
     def _give_up(self, why: str) -> None:
         self._engage_allowed = False
         self._set_stage(SessionStage.GIVEN_UP, why)
@@ -820,14 +819,6 @@ class Session:
             self._armed_for_flight = False
         if stage == SessionStage.EXTERNAL_MODE:
             self._engage_allowed = False
-
-    def _update_landed_time(self, view: SessionInput) -> None:
-        stands = view.landed == MavLandedState.ON_GROUND and view.beat.armed
-        self._landed_since_ns = (self._landed_since_ns or view.now_ns) if stands else None
-
-    def _stays_on_ground(self, view: SessionInput) -> bool:
-        since = self._landed_since_ns
-        return since is not None and view.now_ns - since > _SELF_DISARM_NS
 
     def _set_stream_and_faults(self, view: SessionInput) -> None:
         """Set which set point is sent, and the faults that are active."""

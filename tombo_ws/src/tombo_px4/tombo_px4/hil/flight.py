@@ -27,6 +27,7 @@ from tombo_px4.protocol.telemetry import (
     pressure_at,
     temperature_at,
 )
+from tombo_sim.flight_setup import begin
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
@@ -265,14 +266,18 @@ _IMAGE = "px4io/px4-sitl:v1.18.0-rc1"
 _MOST_INSTANCES = 255
 
 
-def airframe_parameters(world: World, flight: HilFlight) -> dict[str, float]:
+def airframe_parameters(world: World, seed: int) -> dict[str, float]:
     """Return the PX4 parameters that describe the Tombo vehicle.
 
     PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll.
     """
-    parameters = {"MPC_THR_HOVER": round(flight.controls.hover, 3), **SAFE_PARAMETERS}
+    maps = begin(world, seed).maps
+    parameters = {
+        "MPC_THR_HOVER": round(MotorMapping(world.vehicle, maps).hover, 3),
+        **SAFE_PARAMETERS,
+    }
     positions = frd_from_flu(world.vehicle.rotor_positions())
-    ratio = float(flight.simulator.setup.maps.torque_ratio)
+    ratio = float(maps.torque_ratio)
     for motor, rotor in enumerate(PX4_ROTORS):
         name = f"CA_ROTOR{motor}_"
         parameters[name + "PX"] = round(float(positions[rotor, 0]), 3)

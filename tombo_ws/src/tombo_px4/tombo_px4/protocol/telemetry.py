@@ -10,14 +10,14 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_dynamics.rotation import conjugate, rotate_vector
+from tombo_dynamics.rotation import conjugate, rotate_vector, yaw_pitch_roll
 from tombo_px4.frames import (
     UPPER_DIAGONAL,
     GeoOrigin,
     enu_from_ned,
-    euler,
     frd_from_flu,
     ned_from_enu,
     px4_quaternion,
@@ -88,7 +88,7 @@ class VehicleView:
         self.position: list[float] = ned_from_enu(estimate.position).tolist()
         self.velocity: list[float] = ned_from_enu(estimate.velocity).tolist()
         self.attitude: list[float] = px4_quaternion(estimate.attitude).tolist()
-        self.angles = euler(self.attitude)
+        self.angles = yaw_pitch_roll(np.roll(self.attitude, -1))[::-1].tolist()
         self.rates: list[float] = frd_from_flu(estimate.rates).tolist()
         self.heading_deg = math.degrees(self.angles[2]) % 360.0
         self.height = float(estimate.position[2])

@@ -60,16 +60,16 @@ def hil(
         StopSignals(signal.SIGHUP) as stop,
         closing(HilSimulator(world, seed, given.port, speed=speed)) as one,
     ):
-        print(_introduction(one, world, one.port, scenario, seed), flush=True)
+        print(_introduction(world, one.port, scenario, seed), flush=True)
         _serve(one, stop, duration.duration)
 
 
-def _introduction(one: HilSimulator, world: World, port: int, scenario: str, seed: int) -> str:
+def _introduction(world: World, port: int, scenario: str, seed: int) -> str:
     """Return the text at the start: the simulator, and the commands that start PX4."""
     from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
     from tombo_px4.hil.flight import airframe_parameters, exported, start_commands
 
-    settings, built, container = start_commands(port, airframe_parameters(world, one.flight))
+    settings, built, container = start_commands(port, airframe_parameters(world, seed))
     lines = [
         f"{scenario}, seed {seed}: waiting for PX4 on TCP port {port} of 127.0.0.1. Start it with",
         "",
