@@ -75,7 +75,7 @@ class Lab:
     def set_parameter(self, name, value):
         """As a ground station does it: PX4 tells the others."""
         assert self.px4.table.set(name, value) == ""
-        self.px4.send(ParameterServer(self.px4.table).value(name))
+        self.px4.send(ParameterServer(self.px4.table).value(name)[0])
 
     def publish(self):
         """A pose captured 15 ms ago and a set point, if it is time for them."""

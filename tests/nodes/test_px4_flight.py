@@ -18,8 +18,8 @@ from tombo_dynamics.messages import Phase
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.px4_connection import find_vehicle, free_udp_port
-from tombo_px4.bridge.pose_axes import AxesEvidence
-from tombo_px4.link.link_params import LinkParams
+from tombo_px4.bridge.axes_proof import AxesEvidence
+from tombo_px4.bridge.bridge_params import LinkParams
 
 pytest.importorskip("rclpy")
 

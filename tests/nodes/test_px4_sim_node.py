@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 from tombo_bag.topics import IMU, MARKERS, MOCAP_POSE, ROTOR_COMMAND, TRUE_ODOMETRY
 from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.message_encoder import MessageTarget, arm, read_parameter
+from tombo_px4.link.messages import MessageTarget, arm, read_parameter
 from tombo_ros.conversion import array, to_ns
 
 NODE = "tombo_px4.px4_sim_node"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import shlex
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -15,7 +15,6 @@ import pytest
 import yaml
 
 from tombo_bringup.cli.tables import Scroll
-from tombo_px4.hil.link import HilLink
 
 COMPOSE = Path(__file__).parents[4] / "docker" / "compose.yaml"
 PEER = Path(__file__).parents[4] / "tombo_ws/src/tombo_px4/test/autopilot" / "hil_peer.py"
@@ -101,9 +100,10 @@ def test_a_duration_ends_it_with_0(tombo):
 
 
 def test_a_busy_port_is_one_line_and_2(refused):
-    with contextlib.closing(HilLink(0)) as link:
-        taken = f"Error: link 'tcpin://127.0.0.1:{link.port}': can't be opened (address already in"
-        refused(("hil", "--port", str(link.port)), taken)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        taken = f"Error: link 'tcpin://127.0.0.1:{port}': can't be opened (address already in"
+        refused(("hil", "--port", str(port)), taken)
 
 
 @pytest.fixture

@@ -56,6 +56,16 @@ def param(
     )
 
 
+def plain(default: str | bool, doc: str) -> Any:
+    """Declare a field of a parameter record that is a text or a switch.
+
+    Args:
+        default: value when nothing else is said.
+        doc: meaning of the parameter.
+    """
+    return dataclasses.field(default=default, metadata={"doc": doc})
+
+
 def structure(read: Callable[[str, object], Any], doc: str, source: str = "") -> Any:
     """Declare a field of a parameter record that holds a structure, None by default.
 

@@ -30,8 +30,8 @@ from tombo_flight.suite.node_flight import over_mavlink
 from tombo_flight.suite.nodes import SUITE
 from tombo_flight.suite.px4_connection import find_vehicle, px4_connection
 from tombo_flight.suite.px4_flight import READY_S, START_S, BridgeMonitor, px4_metrics
+from tombo_px4.bridge.bridge_params import LinkParams
 from tombo_px4.bridge.vehicle_parameters import parse_assignments
-from tombo_px4.link.link_params import LinkParams
 
 
 def test_without_a_url_both_ends_meet_on_a_free_port_of_this_machine():

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.params import param, validate
+from tombo_dynamics.params import param, plain, validate
 
 ROS = "ros"
 SYSTEMS = {
@@ -23,24 +22,20 @@ NOSE_AXES = ("+x", "+y", "-x", "-y")
 """With signs: YAML takes a bare y for true."""
 
 
-def _text(default: str, doc: str) -> Any:
-    return field(default=default, metadata={"doc": doc})
-
-
 @dataclass(frozen=True)
 class MocapParams:
     """Where poses come from, and how they become poses of base_link in map."""
 
-    system: str = _text("", f"source of the poses: {', '.join(SYSTEMS)}")
-    host: str = _text("", "address of the motion-capture computer; of vrpn HOST:PORT")
-    options: str = _text("", "KEY=VALUE of libmotioncapture, with spaces between them")
-    topic: str = _text("", "of system ros: the driver's topic")
-    frame: str = _text("", "of system ros: frame_id that a pose must have; empty: any")
-    body: str = _text("", "name of the rigid body; empty: the only one there is")
-    up: str = _text(
+    system: str = plain("", f"source of the poses: {', '.join(SYSTEMS)}")
+    host: str = plain("", "address of the motion-capture computer; of vrpn HOST:PORT")
+    options: str = plain("", "KEY=VALUE of libmotioncapture, with spaces between them")
+    topic: str = plain("", "of system ros: the driver's topic")
+    frame: str = plain("", "of system ros: frame_id that a pose must have; empty: any")
+    body: str = plain("", "name of the rigid body; empty: the only one there is")
+    up: str = plain(
         "z_up", "axis of the system, and of its rigid bodies, that points up: z_up or y_up"
     )
-    nose: str = _text(
+    nose: str = plain(
         "+x", "axis of the rigid body that points to the nose, with z up: +x, +y, -x or -y"
     )
     delay: float = param(

@@ -11,8 +11,7 @@ from pymavlink.dialects.v20 import common as mav
 from modified_px4 import ModifiedPx4
 from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_px4.bridge.bridge import Bridge
-from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.link.link_params import LinkParams
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.timesync import TimeSync
 
@@ -125,7 +124,7 @@ class Flight:
         return self.run(2.0)
 
     def ask(self, kind):
-        number = self.bridge.request(kind)
+        number = self.bridge.session.request(kind)
         self.until(lambda f: any(r.number == number for r in f.seen["replies"]))
         return next(r for r in self.seen["replies"] if r.number == number)
 

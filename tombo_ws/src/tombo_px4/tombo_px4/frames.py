@@ -9,7 +9,6 @@ each direction has its own name: a call says what it has and what it wants.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,16 +93,6 @@ def ros_quaternion(attitude: ArrayLike) -> Array:
     return _w_positive(out, 3)
 
 
-def euler(q: Sequence[float]) -> tuple[float, float, float]:
-    """Return roll, pitch, yaw [rad] (Z-Y-X) of a quaternion wxyz, in its own frames."""
-    w, x, y, z = q
-    return (
-        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-        math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
-        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-    )
-
-
 def px4_yaw(yaw: float) -> float:
     """Return the heading clockwise from north of a yaw counter-clockwise from east [rad]."""
     return math.remainder(0.5 * math.pi - yaw, 2.0 * math.pi)
@@ -133,36 +122,28 @@ def _w_positive(q: Array, w: int) -> Array:
 class GeoOrigin:
     """Where the origin of `map` is on the globe; its z axis is up, its x axis east.
 
-    Azimuthal equidistant, as PX4's `MapProjection`, on a sphere of 6371 km.
+    The earth is flat here, which is exact to 1 mm within 100 m.
     """
 
     latitude_deg: float = 47.397742
     longitude_deg: float = 8.545594
     altitude_m: float = 488.0
 
+    @property
+    def _degree_m(self) -> tuple[float, float]:
+        """Length of a degree of longitude and of latitude [m]."""
+        degree = math.radians(_EARTH_RADIUS_M)
+        return degree * math.cos(math.radians(self.latitude_deg)), degree
+
     def global_of(self, position: ArrayLike) -> tuple[float, float, float]:
         """Return latitude [deg], longitude [deg], altitude [m] of (3) in map [m]."""
         east, north, up = (float(p) for p in np.asarray(position, np.float64))
-        c = math.hypot(north, east) / _EARTH_RADIUS_M
-        lat0 = math.radians(self.latitude_deg)
-        lon0 = math.radians(self.longitude_deg)
-        if c == 0.0:
-            return self.latitude_deg, self.longitude_deg, self.altitude_m + up
-        k = math.sin(c) / c / _EARTH_RADIUS_M
-        lat = math.asin(math.cos(c) * math.sin(lat0) + north * k * math.cos(lat0))
-        lon = lon0 + math.atan2(
-            east * k, math.cos(lat0) * math.cos(c) - north * k * math.sin(lat0)
-        )
-        return math.degrees(lat), math.degrees(lon), self.altitude_m + up
+        x, y = self._degree_m
+        return self.latitude_deg + north / y, self.longitude_deg + east / x, self.altitude_m + up
 
     def local_of(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Array:
         """Return (3) in map [m] of a place on the globe."""
-        lat, lat0 = math.radians(latitude_deg), math.radians(self.latitude_deg)
-        turn = math.radians(longitude_deg - self.longitude_deg)
-        cosine = math.sin(lat0) * math.sin(lat) + math.cos(lat0) * math.cos(lat) * math.cos(turn)
-        # the arc from its sine near zero, where the cosine has no digits left
-        a = math.cos(lat) * math.sin(turn)
-        b = math.cos(lat0) * math.sin(lat) - math.sin(lat0) * math.cos(lat) * math.cos(turn)
-        sine = math.hypot(a, b)
-        k = _EARTH_RADIUS_M * (math.atan2(sine, cosine) / sine if sine > 0.0 else 1.0)
-        return np.array([k * a, k * b, altitude_m - self.altitude_m])
+        x, y = self._degree_m
+        turn = math.remainder(longitude_deg - self.longitude_deg, 360.0)
+        place = turn * x, (latitude_deg - self.latitude_deg) * y, altitude_m - self.altitude_m
+        return np.array(place)

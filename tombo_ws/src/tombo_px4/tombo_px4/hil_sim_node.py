@@ -10,8 +10,8 @@ import time
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import TICK_NS
+from tombo_px4.hil.flight import PX4_PORT
 from tombo_px4.hil.hand_motion import HandMotion
-from tombo_px4.hil.link import PX4_PORT, HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_ros.core_node import main_of
 from tombo_sim.simulator import Simulator
@@ -50,8 +50,7 @@ class HilSimNode(VehicleNode):
             bounds=(0.0, 600.0),
         )
         hand = HandMotion(hand_at) if hand_at > 0.0 else None
-        self._link = HilLink(port)
-        self._hil = HilSimulator(self.world, self.seed, self._link, watch=self._watch, hand=hand)
+        self._hil = HilSimulator(self.world, self.seed, port, watch=self._watch, hand=hand)
         self.attach_simulator(self._hil.flight.simulator)
         self._began_ns = 0
         """Time of tick 0."""
@@ -89,14 +88,14 @@ class HilSimNode(VehicleNode):
         self.health.value("px4", hil.phase.value)
         for name in ("flights", "steps", "answered", "missed", "wrong_time", "slips"):
             self.health.value(name, getattr(hil, name))
-        for name, count in self._link.counters.items():
+        for name, count in hil.link.counters.items():
             if count:
                 self.health.value(f"link.{name}", count)
         super().report(now_ns)
 
     def close(self) -> None:
         """Close the port."""
-        self._link.close()
+        self._hil.close()
 
 
 main = main_of(HilSimNode)

@@ -1,4 +1,4 @@
-"""PX4's flight modes and the custom mode number that carries them in a heartbeat.
+"""PX4's flight modes, the number that carries them in a heartbeat, and MAVLink's enumerations.
 
 Numbers: PX4 `px4_custom_mode.h`; main mode in bits 16 to 23, sub mode in bits 24 to 31.
 """
@@ -7,12 +7,52 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase
+
+FORCE_ARMING: Final = 21196
+"""Second parameter of ARM_DISARM that leaves out all checks."""
+
+
+class MavLandedState(IntEnum):
+    """MAV_LANDED_STATE, the content of EXTENDED_SYS_STATE."""
+
+    UNDEFINED = 0
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+class Result(IntEnum):
+    """Answer to a command (MAV_RESULT)."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+    UNSUPPORTED_FRAME = 8
+    """MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME."""
+
+
+class Severity(IntEnum):
+    """Severity of a text (MAV_SEVERITY)."""
+
+    EMERGENCY = 0
+    ALERT = 1
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
 
 
 class Mode(NamedTuple):

@@ -49,22 +49,16 @@ from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
+from tombo_px4.bridge.axes_proof import AxesEvidence, AxesFile
 from tombo_px4.bridge.bridge import Bridge
-from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams
-from tombo_px4.bridge.bridge_records import BridgeOutput, BridgeStatus, SessionStage
-from tombo_px4.bridge.pose_axes import AxesEvidence, AxesFile
+from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams, LinkParams
+from tombo_px4.bridge.link_health import link_faults
+from tombo_px4.bridge.session import BridgeOutput, BridgeStatus, SessionStage
 from tombo_px4.bridge.setpoint_stream import FlightLimits
 from tombo_px4.bridge.vehicle_parameters import parse_assignments
-from tombo_px4.link.decoded_messages import (
-    BatteryReading,
-    MavLandedState,
-    Severity,
-    VehicleImu,
-    VehicleOdometry,
-)
-from tombo_px4.link.link_params import LinkParams
-from tombo_px4.link.mavlink_link import Link, link_faults, read_key
-from tombo_px4.modes import OFFBOARD, mode_name
+from tombo_px4.link.mavlink_link import Link, read_key
+from tombo_px4.link.messages import BatteryReading, VehicleImu, VehicleOdometry
+from tombo_px4.modes import OFFBOARD, MavLandedState, Severity, mode_name
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR, WARN
@@ -194,7 +188,7 @@ class Px4BridgeNode(LoopNode):
         self._take_setpoints(now_ns)
         while self._waiting:
             kind, future = self._waiting.popleft()
-            self._pending_requests[bridge.request(kind)] = future
+            self._pending_requests[bridge.session.request(kind)] = future
         bridge_output = bridge.tick(time.time_ns())
         for message in bridge_output.messages:
             self._link.send(message)
@@ -384,7 +378,7 @@ class Px4BridgeNode(LoopNode):
             if waited and (arming or flies):
                 asked_ns = time.monotonic_ns()
                 grounded = arming or status.landed == MavLandedState.ON_GROUND
-                number = self._bridge.request("disarm" if grounded else "land")
+                number = self._bridge.session.request("disarm" if grounded else "land")
                 self._pending_requests[number] = Future()
             self._link.wait(_LANDING_STEP_S)
             wall_ns = time.time_ns()

@@ -17,9 +17,8 @@ from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, PARAMETERS, ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.link.decoded_messages import Severity
 from tombo_px4.link.mavlink_link import Link, read_key
-from tombo_px4.modes import OFFBOARD, mode_name
+from tombo_px4.modes import OFFBOARD, Severity, mode_name
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_ros.core_node import main_of
 from tombo_sim.vehicle_node import VehicleNode
@@ -146,12 +145,12 @@ class Px4SimNode(VehicleNode):
     def _log_status_texts(self) -> None:
         """Put the autopilot's texts into the log."""
         logger = self.ros.get_logger()
-        for severity, text in self._endpoint.announcer.sent_texts:
+        for severity, text in self._endpoint.sent_texts:
             if severity <= Severity.WARNING:  # rclpy: one severity for each line of code
                 logger.warning(f"PX4 says: {text}")
             else:
                 logger.info(f"PX4 says: {text}")
-        self._endpoint.announcer.sent_texts.clear()
+        self._endpoint.sent_texts.clear()
 
     def report(self, now_ns: int) -> None:
         """Add the state of autopilot and links."""

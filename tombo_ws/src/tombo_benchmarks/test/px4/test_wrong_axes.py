@@ -9,8 +9,8 @@ from tombo_benchmarks.px4.lockstep_px4 import Px4Setup
 from tombo_benchmarks.px4.wrong_axes import FARTHEST_M, HIGHEST_M, WRONG_AXES, fly_wrong_axes
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.bridge.axes_proof import MotionCheck
 from tombo_px4.bridge.flight_watch import PoseMotionWatch
-from tombo_px4.bridge.hand_rotation_check import MotionCheck
 from tombo_px4.hil.hand_motion import HandMotion
 from tombo_sim.simulator import Simulator
 

@@ -30,9 +30,7 @@ from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_flight.suite.nodes import free_domain, node_environment, udp_ports
 from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
-from tombo_px4.hil.flight import HilFlight
-from tombo_px4.hil.hil_start_help import airframe_parameters
-from tombo_px4.hil.link import PX4_PORT
+from tombo_px4.hil.flight import PX4_PORT, airframe_parameters
 
 PAGE: Final = Path("docs/first_real_flight.md")
 SCENARIO, VEHICLE = "first.yaml", "my_vehicle.yaml"
@@ -104,7 +102,6 @@ class _Person:
     def __init__(self, build: Path, folder: Path, instance: int) -> None:
         self._build, self._folder, self._instance = build, folder, instance
         scenario = load_scenario(str(folder / SCENARIO))
-        flight = HilFlight(world_of(scenario), 0)
         vehicle = scenario.vehicle
         self.vehicle_file = yaml.safe_dump(
             {
@@ -114,7 +111,7 @@ class _Person:
                 "propeller": {"conf": scenario.propeller.conf},
             }
         )
-        known = airframe_parameters(world_of(scenario), flight)
+        known = airframe_parameters(world_of(scenario), 0)
         # of the airframe alone: the page sets the others
         set_by_page = {**SAFE_PARAMETERS, **MOCAP_ONLY}
         self._airframe = {name: v for name, v in known.items() if name not in set_by_page}

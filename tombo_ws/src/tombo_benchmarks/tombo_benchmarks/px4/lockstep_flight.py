@@ -35,10 +35,9 @@ from tombo_flight.flight_metrics import MetricsInput, detection_of, summarize
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_px4.bridge.bridge import Bridge
-from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.bridge.bridge_records import BridgeOutput, SessionStage
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
+from tombo_px4.bridge.session import BridgeOutput, SessionStage
 from tombo_px4.hil.hand_motion import HandMotion
-from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Received
 from tombo_sim.ground_truth import FlightEndDetector, contact_force
 from tombo_sim.kernel import FIGURE_COLUMNS

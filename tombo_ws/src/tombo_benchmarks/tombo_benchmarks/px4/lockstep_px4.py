@@ -15,12 +15,10 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.bridge.bridge_params import LinkParams
 from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
-from tombo_px4.hil.flight import Watch
-from tombo_px4.hil.hil_start_help import airframe_parameters
-from tombo_px4.hil.link import PX4_PORT, HilLink
+from tombo_px4.hil.flight import PX4_PORT, Watch, airframe_parameters
 from tombo_px4.hil.lockstep import HilSimulator
-from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Codec, Link, Received
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.simulator import Simulator
@@ -109,12 +107,11 @@ class _RealPx4(LockstepPx4):
             accept_system=self.system,
             accept_component=1,
         )
-        self._hil_link = HilLink(PX4_PORT + setup.instance)
+        port = PX4_PORT + setup.instance
         self._hil = HilSimulator(
-            world, setup.seed, self._hil_link, speed=0.0, gps=False, watch=self._watch, hand=hand
+            world, setup.seed, port, speed=0.0, gps=False, watch=self._watch, hand=hand
         )
-        airframe = airframe_parameters(world, self._hil.flight)
-        self._parameters = {**airframe, **MOCAP_ONLY}
+        self._parameters = {**airframe_parameters(world, setup.seed), **MOCAP_ONLY}
 
     def _watch(self, simulator: Simulator) -> None:
         self.watch(simulator)
@@ -143,7 +140,7 @@ class _RealPx4(LockstepPx4):
 
     def __exit__(self, *error: object) -> None:
         self.link.close()
-        self._hil_link.close()
+        self._hil.close()
 
 
 class _MemoryLink:

@@ -21,7 +21,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, Pose, PositionSetpoint
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
 from tombo_flight.scenario import Scenario, load_scenario, world_of
-from tombo_px4.bridge.bridge_records import BridgeOutput
+from tombo_px4.bridge.session import BridgeOutput
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.modes import mode_name, mode_of
 from tombo_sim.simulator import Simulator

@@ -17,9 +17,7 @@ from tombo_flight.suite.node_flight import NotFlown, fly_nodes_and_save
 from tombo_flight.suite.px4_connection import px4_connection
 from tombo_px4.bridge.bridge_params import SIMULATED
 from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
-from tombo_px4.hil.flight import HilFlight
-from tombo_px4.hil.hil_start_help import airframe_parameters
-from tombo_px4.hil.link import PX4_PORT
+from tombo_px4.hil.flight import PX4_PORT, airframe_parameters
 
 
 def fly_nodes_with(
@@ -39,7 +37,7 @@ def fly_nodes_with(
     assert setup.build is not None
     warm_up_nodes(scenario)
     world = world_of(scenario)
-    parameters = airframe_parameters(world, HilFlight(world, 0))
+    parameters = airframe_parameters(world, 0)
     parameters |= MOCAP_ONLY
     settings = [f"link.system={setup.instance + 1}"]
     px4 = px4_connection(f"udpin://127.0.0.1:{ONBOARD_PORT + setup.instance}", settings)

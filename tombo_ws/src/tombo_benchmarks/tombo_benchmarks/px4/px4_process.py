@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.hil.hil_start_help import AIRFRAME
+from tombo_px4.hil.flight import AIRFRAME
 
 LOG: Final = "px4.txt"
 _TARGET: Final = Path("build/px4_sitl_default")

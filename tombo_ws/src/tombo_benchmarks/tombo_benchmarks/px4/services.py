@@ -20,7 +20,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.messages import Phase, Pose
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
 from tombo_flight.scenario import Scenario, world_of
-from tombo_px4.bridge.bridge_records import BridgeOutput, Reply, SessionStage
+from tombo_px4.bridge.session import BridgeOutput, Reply, SessionStage
 from tombo_px4.modes import OFFBOARD, mode_name
 from tombo_sim.simulator import Simulator
 
@@ -112,7 +112,7 @@ class _ServiceRun(LockstepRun):
             self._begun_ns = now_ns + int(_HOVERS_S * SECOND_NS)
             self._due_ns = self._begun_ns + self._wait_ns
         if self._due_ns and now_ns >= self._due_ns and self._requests and not self._number:
-            self._number = self._bridge.request(self._requests.pop(0))
+            self._number = self._bridge.session.request(self._requests.pop(0))
             self._asked_ns = now_ns
         for reply in out.replies:
             if reply.number == self._number:

@@ -13,11 +13,10 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario import override
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.bridge.bridge_params import POSITION, SIMULATED, BridgeParams
+from tombo_px4.bridge.bridge_params import POSITION, SIMULATED, BridgeParams, LinkParams
 from tombo_px4.bridge.vehicle_parameters import SETS, parse_assignments
-from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link, parse_url, read_key
-from tombo_px4.link.message_encoder import MessageTarget, read_parameter
+from tombo_px4.link.messages import MessageTarget, read_parameter
 from tombo_px4.modes import mode_name, mode_of
 
 _RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {

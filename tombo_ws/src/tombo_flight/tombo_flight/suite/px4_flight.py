@@ -10,7 +10,7 @@ from tombo_bag.recording import Recording
 from tombo_bag.topics import PX4_STATUS
 from tombo_dynamics.messages import Phase
 from tombo_flight.suite.node_diagnostics import NodeStatus, recorded_diagnostics
-from tombo_px4.bridge.bridge_records import SessionStage
+from tombo_px4.bridge.session import SessionStage
 
 READY_S: Final = 25.0
 """From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""

@@ -13,7 +13,7 @@ from vehicle_bench import table_with
 
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.message_decoder import StatusTextAssembler
+from tombo_px4.link.messages import StatusTextAssembler
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.world import World
 
@@ -130,7 +130,7 @@ class Bench:
 
     def settle(self) -> None:
         """Let time pass until the vehicle can be armed."""
-        self.run(10.0, lambda _: self.vehicle.health.armable)
+        self.run(10.0, lambda _: not self.vehicle.problems)
 
     def take_off(self, height: float = 1.0) -> None:
         self.settle()

@@ -9,7 +9,6 @@ from typing import Any
 from hil_peer import ALIGN, Peer
 
 from tombo_flight.scenario import load_scenario, world_of
-from tombo_px4.hil.link import HilLink
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_sim.world import World
 
@@ -32,11 +31,10 @@ class Bench:
         align: int = ALIGN,
         speed: float = 0.0,
     ) -> None:
-        self.link = HilLink(0)
-        self.hil = HilSimulator(world or hover_world(), 1, self.link, speed=speed)
+        self.hil = HilSimulator(world or hover_world(), 1, 0, speed=speed)
         self.now_ns = 10**15
         self.news: list[str] = []
-        self.peer = Peer(self.link.port, silent, align)
+        self.peer = Peer(self.hil.port, silent, align)
 
     @property
     def height(self) -> float:
@@ -73,7 +71,7 @@ class Bench:
 
     def close(self) -> None:
         self.peer.close()
-        self.link.close()
+        self.hil.close()
 
 
 @contextmanager

@@ -8,10 +8,9 @@ import pytest
 from vehicle_bench import table_with
 
 from tombo_px4 import modes
-from tombo_px4.autopilot.commander import DESCEND, Commander, CommanderInput
+from tombo_px4.autopilot.commander import DESCEND, BatteryCharge, Commander, CommanderInput
 from tombo_px4.autopilot.setpoint_controller import ControlLevel
-from tombo_px4.autopilot.vehicle_state import BatteryCharge
-from tombo_px4.link.decoded_messages import Result
+from tombo_px4.modes import Result
 
 FULL = BatteryCharge(12.6, 1.0, 1.0, 0)
 WELL = CommanderInput(
@@ -94,7 +93,7 @@ class Desk:
 def test_who_may_arm(mode, changes, why):
     desk = Desk(mode)
     desk.see(**changes)
-    assert any(why in p for p in desk.commander.health(desk.now).problems) == bool(why)
+    assert any(why in p for p in desk.commander.problems(desk.now)) == bool(why)
     result = desk.commander.arm(desk.now)
     if why:
         assert result == Result.TEMPORARILY_REJECTED and not desk.commander.armed

@@ -61,7 +61,7 @@ def test_take_off_to_an_altitude_by_command_int(b):
 def test_unknown_commands_are_unsupported_and_counted(fresh):
     assert fresh.acks(31000) == [UNSUPPORTED]
     assert fresh.acks(2000, 1.0) == [UNSUPPORTED]
-    assert fresh.endpoint.announcer.refused["command 31000 is not supported"] == 1
+    assert fresh.endpoint.refused["command 31000 is not supported"] == 1
 
 
 @pytest.mark.parametrize("target", [(2, 1), (0, 1), (1, 42), (0, 0)])
@@ -69,7 +69,7 @@ def test_commands_for_another_vehicle_are_ignored(target, b):
     assert b.acks(ARM, 1.0, target=target) == []
     assert b.acks(31000, target=target) == []
     assert not b.vehicle.armed
-    assert b.endpoint.announcer.refused["addressed to another"] == 2
+    assert b.endpoint.refused["addressed to another"] == 2
 
 
 @pytest.mark.parametrize(

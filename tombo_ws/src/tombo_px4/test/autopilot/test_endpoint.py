@@ -57,7 +57,7 @@ def test_the_opening_of_qgroundcontrol():
             "HEARTBEAT", "SYS_STATUS", "BATTERY_STATUS", "HOME_POSITION", "GPS_RAW_INT",
             "GLOBAL_POSITION_INT", "ATTITUDE", "VFR_HUD", "EXTENDED_SYS_STATE",
         }  # fmt: skip
-        assert b.endpoint.announcer.refused["REQUEST_DATA_STREAM is not used"] == 1
+        assert b.endpoint.refused["REQUEST_DATA_STREAM is not used"] == 1
         assert (255, 190) in b.endpoint.heard_systems
 
 

@@ -6,7 +6,7 @@ from endpoint_bench import ARM, OFFBOARD, SET_MODE, texts
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.frames import px4_quaternion
-from tombo_px4.protocol.inputs import decode_setpoint
+from tombo_px4.protocol.requests import decode_setpoint
 
 NAN = math.nan
 MAV = mavlink.MAVLink(None, 1, 1)

@@ -6,7 +6,7 @@ from endpoint_bench import bench, of
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.frames import ned_from_enu, px4_quaternion
-from tombo_px4.protocol.inputs import decode_vision
+from tombo_px4.protocol.requests import decode_vision
 
 NAN = math.nan
 MAV = mavlink.MAVLink(None, 1, 1)
@@ -128,4 +128,4 @@ def test_a_refusal_of_the_estimator_is_counted_by_its_reason(make, reason):
     with bench(**{**LAB, "EKF2_EV_CTRL": 0}) as b:
         b.each_round = lambda: b.client.send(make(b.client.mav))
         b.run(0.1)
-        assert b.endpoint.announcer.refused[reason] > 20
+        assert b.endpoint.refused[reason] > 20

@@ -3,13 +3,12 @@
 from contextlib import closing
 
 import pytest
-from hil_bench import bench
+from hil_bench import bench, hover_world
 from hil_peer import Peer
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.hil.link import HilLink
-from tombo_px4.hil.lockstep import PATIENCE_NS, Px4Phase
+from tombo_px4.hil.lockstep import PATIENCE_NS, HilSimulator, Px4Phase
 
 
 @pytest.fixture
@@ -26,7 +25,7 @@ def test_it_lifts_off_in_lockstep_without_a_missed_step(b):
     assert (hil.steps, hil.boot_steps) == (350, 9)
     assert hil.answered == hil.steps - 9 - 1  # the last one is under way
     assert (hil.missed, hil.wrong_time) == (0, 0)
-    assert b.link.counters["garbage_bytes"] == b.link.counters["bad_checksum"] == 0
+    assert b.hil.link.counters["garbage_bytes"] == b.hil.link.counters["bad_checksum"] == 0
 
 
 # ---- the start
@@ -139,7 +138,7 @@ def test_a_new_connection_begins_a_new_flight_on_the_ground(b):
     assert "armed, 1." in b.news[-1]
     assert "begins a new one" in b.news[-1]
 
-    b.peer = Peer(b.link.port)
+    b.peer = Peer(b.hil.port)
     b.until(lambda: b.hil.flights == 2)
     assert b.height < 0.2
     assert b.hil.flight.rotors.max() == 0.0
@@ -164,5 +163,9 @@ def test_the_pace_is_the_speed():
 
 def test_a_busy_port_is_one_line():
     taken = "address already in use"
-    with closing(HilLink(0)) as link, pytest.raises(InputError, match=f"{link.port}.*{taken}"):
-        HilLink(link.port)
+    world = hover_world()
+    with (
+        closing(HilSimulator(world, 1, 0)) as one,
+        pytest.raises(InputError, match=f"{one.port}.*{taken}"),
+    ):
+        HilSimulator(world, 1, one.port)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from vehicle_bench import table_with
 
-from tombo_px4.autopilot.navigator import Navigator
+from tombo_px4.autopilot.setpoint_controller import Navigator
 from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF
 
 HOME = np.array([0.5, -0.5, 0.2])

@@ -4,7 +4,7 @@ import struct
 import pytest
 from endpoint_bench import bench, of
 
-from tombo_px4.link.message_encoder import float_of_int
+from tombo_px4.link.messages import float_of_int
 
 INT32, REAL32 = 6, 9
 
@@ -72,13 +72,13 @@ def test_what_is_out_of_bounds_is_taken_but_acts_within_them(name, value, kind, 
 )
 def test_to_a_wrong_type_or_name_px4_is_silent(name, value, kind, fresh):
     table = fresh.vehicle.parameters
-    before = [table.stored(name) for name in table.names]
+    before = [*table.stored.values()]
     for _ in range(50):
         fresh.client.send(set_message(fresh.client, name, value, kind))
     heard = fresh.run(0.2)
     assert not [m for m in heard if m.get_type() in ("PARAM_VALUE", "PARAM_ERROR", "STATUSTEXT")]
-    assert [table.stored(name) for name in table.names] == before
-    assert any(name in why for why in fresh.endpoint.announcer.refused)
+    assert [*table.stored.values()] == before
+    assert any(name in why for why in fresh.endpoint.refused)
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 7), (0, 1)])

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from vehicle_bench import GROUND, Flight, hovering, motion, ready
 
-from tombo_px4.autopilot.vehicle_state import TakeoffState
-from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD
+from tombo_px4.autopilot.commander import TakeoffState
+from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, MavLandedState, Result
 
 pytestmark = pytest.mark.slow
 
@@ -20,12 +19,12 @@ def taken_off() -> Flight:
 
 def test_at_boot_it_knows_nothing_and_says_so():
     flight = Flight()
-    health = flight.vehicle.health
-    assert not health.armable and not health.local_position and not health.attitude
+    known = flight.vehicle.situation
+    assert flight.vehicle.problems and not known.local_position and not known.attitude
     assert flight.vehicle.arm() == Result.TEMPORARILY_REJECTED
     flight.fly(2.0)
-    health = flight.vehicle.health
-    assert health.armable and health.local_position and health.global_position
+    known = flight.vehicle.situation
+    assert not flight.vehicle.problems and known.local_position and known.global_position
     assert flight.ekf2.source == "gps"
     assert flight.vehicle.mode == AUTO_HOLD
 
@@ -98,5 +97,5 @@ def test_motion_capture_does_not_leak_into_the_estimate():
     flight.see = False
     flight.fly(3.0)
     vehicle = flight.vehicle
-    assert not vehicle.health.local_position and vehicle.ekf2_model.fused_tick < 0
+    assert not vehicle.situation.local_position and vehicle.ekf2_model.fused_tick < 0
     assert np.abs(vehicle.simulator.plant.state.position - vehicle.estimate.position).max() > 0.1

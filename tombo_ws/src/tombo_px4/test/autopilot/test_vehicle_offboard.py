@@ -7,10 +7,9 @@ import pytest
 from vehicle_bench import GROUND, NAN, hovering, motion, ready
 
 from tombo_dynamics.rotation import quaternion_multiply, yaw_pitch_roll
+from tombo_px4.autopilot.commander import TakeoffState
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
-from tombo_px4.autopilot.vehicle_state import TakeoffState
-from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import AUTO_HOLD, OFFBOARD
+from tombo_px4.modes import AUTO_HOLD, OFFBOARD, MavLandedState, Result
 
 
 def tilted(pitch_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:

@@ -9,8 +9,7 @@ import yaml
 from vehicle_bench import Flight, hovering, ready
 
 from tombo_px4.autopilot.parameters import FLOWN_BY_POSES
-from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.modes import AUTO_LAND, AUTO_TAKEOFF, mode_name
+from tombo_px4.modes import AUTO_LAND, AUTO_TAKEOFF, MavLandedState, Result, mode_name
 
 AWAY = np.array([3.0, 0.0, 0.0])
 
@@ -67,7 +66,7 @@ def test_bad_vision_samples_are_refused_with_the_reason(boot_us, position, attit
 def test_position_height_and_yaw_are_fused_together(control, known):
     flight = Flight(vision=True, EKF2_EV_CTRL=control, EKF2_BARO_CTRL=0)
     flight.fly(1.5)
-    assert flight.vehicle.health.local_position == known
+    assert flight.vehicle.situation.local_position == known
 
 
 def test_a_motion_capture_that_stays_elsewhere_is_believed():
@@ -90,7 +89,7 @@ def test_after_the_time_that_is_set_it_descends_level_and_stops():
     flight.see = False
     lost = flight.fly_until(lambda: flight.vehicle.failsafe, 2.0)
     assert lost == pytest.approx(1.0, abs=0.1)
-    assert not flight.vehicle.health.local_position
+    assert not flight.vehicle.situation.local_position
     assert flight.vehicle.mode == AUTO_LAND and flight.heard("No valid position estimate")
     rows = []
     flight.fly_until(lambda: bool(rows.append(flight.body) or not flight.vehicle.armed), 15.0)

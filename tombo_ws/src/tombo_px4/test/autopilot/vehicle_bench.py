@@ -17,8 +17,7 @@ from tombo_px4.autopilot.ekf2_model import Ekf2Model
 from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.link.decoded_messages import Result
-from tombo_px4.modes import OFFBOARD
+from tombo_px4.modes import OFFBOARD, Result
 
 NAN = math.nan
 GROUND = 0.185

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import Phase, PositionSetpoint
-from tombo_px4.bridge.bridge_records import SessionStage
+from tombo_px4.bridge.session import SessionStage
 from tombo_px4.bridge.vehicle_parameters import parse_assignments
 from tombo_px4.modes import AUTO_LAND, OFFBOARD, POSCTL
 

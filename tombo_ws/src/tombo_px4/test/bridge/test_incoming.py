@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_px4.link.mavlink_link import Received
-from tombo_px4.link.message_decoder import MessageDecoder
+from tombo_px4.link.messages import MessageDecoder
 from tombo_px4.link.timesync import TimeSync
 from tombo_px4.modes import OFFBOARD, custom_mode
 

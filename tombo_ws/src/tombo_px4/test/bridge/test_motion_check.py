@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, rotate_vector
-from tombo_px4.bridge.hand_rotation_check import MotionCheck
+from tombo_px4.bridge.axes_proof import MotionCheck
 
 NOW = 1_763_700_000_000_000_000
 SECOND = 1_000_000_000

@@ -7,8 +7,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.messages import PositionSetpoint
-from tombo_px4.link import message_encoder
-from tombo_px4.link.message_encoder import MessageTarget
+from tombo_px4.link import messages
+from tombo_px4.link.messages import MessageTarget
 
 TO = MessageTarget(1, 1)
 STAMP = 1_763_700_000_123_456_789
@@ -23,7 +23,7 @@ def sent(message):
 
 def test_a_pose_goes_north_east_down_with_its_own_stamp_as_the_odometry_that_is_fused():
     place = np.array([1.0, 2.0, 3.0])  # east, north, up
-    m = sent(message_encoder.pose_message(STAMP, place, NOSE_NORTH))
+    m = sent(messages.pose_message(STAMP, place, NOSE_NORTH))
     assert (m.x, m.y, m.z) == pytest.approx((2.0, 1.0, -3.0))
     assert m.q == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-6)
     assert m.time_usec == STAMP // 1000
@@ -38,9 +38,7 @@ def test_a_pose_goes_north_east_down_with_its_own_stamp_as_the_odometry_that_is_
 
 def test_a_position_set_point_carries_all_but_the_rate_of_yaw():
     place, speed, push = np.array([1.0, 2, 3]), np.array([4.0, 5, 6]), np.array([7.0, 8, 9])
-    m = sent(
-        message_encoder.position_target(PositionSetpoint(0, place, speed, push, 0.3, 2), TO, STAMP)
-    )
+    m = sent(messages.position_target(PositionSetpoint(0, place, speed, push, 0.3, 2), TO, STAMP))
     assert m.type_mask == 0b100000000000
     assert m.coordinate_frame == mav.MAV_FRAME_LOCAL_NED
     assert (m.x, m.y, m.z, m.vx, m.vy, m.vz) == pytest.approx((2, 1, -3, 5, 4, -6))
@@ -50,10 +48,10 @@ def test_a_position_set_point_carries_all_but_the_rate_of_yaw():
 
 
 def test_attitude_and_rates_have_the_masks_px4_takes():
-    m = sent(message_encoder.rotation_target(NOSE_NORTH, 0.6, TO, STAMP))
+    m = sent(messages.rotation_target(NOSE_NORTH, 0.6, TO, STAMP))
     assert (m.type_mask, m.thrust) == (0b00000111, pytest.approx(0.6))
     assert m.q == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-6)
-    m = sent(message_encoder.rotation_target(np.array([0.1, 0.2, 0.3]), 0.6, TO, STAMP))
+    m = sent(messages.rotation_target(np.array([0.1, 0.2, 0.3]), 0.6, TO, STAMP))
     assert m.type_mask == 0b10000000
     rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
     assert rates == pytest.approx((0.1, -0.2, -0.3))
@@ -61,6 +59,6 @@ def test_attitude_and_rates_have_the_masks_px4_takes():
 
 def test_thrust_is_measured_in_weights():
     weight = 1.3 * 9.80665
-    assert message_encoder.throttle_of(weight, 1.3, 0.47) == pytest.approx(0.47)
-    assert message_encoder.throttle_of(10 * weight, 1.3, 0.47) == 1.0
-    assert message_encoder.throttle_of(-1.0, 1.3, 0.47) == 0.0
+    assert messages.throttle_of(weight, 1.3, 0.47) == pytest.approx(0.47)
+    assert messages.throttle_of(10 * weight, 1.3, 0.47) == 1.0
+    assert messages.throttle_of(-1.0, 1.3, 0.47) == 0.0

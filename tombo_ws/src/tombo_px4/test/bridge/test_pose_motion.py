@@ -8,7 +8,7 @@ import pytest
 
 from tombo_px4.bridge.flight_watch import PoseMotionWatch, RepeatedPose
 from tombo_px4.bridge.pose_motion import MotionSums
-from tombo_px4.link.decoded_messages import VehicleImu, VehicleOdometry
+from tombo_px4.link.messages import VehicleImu, VehicleOdometry
 
 MS = 1_000_000
 GRAVITY = 9.80665
@@ -83,7 +83,7 @@ class Flight:
             force = push + np.array([0.0, 0.0, GRAVITY]) + self.rng.normal(0.0, 0.1, 3)
             force[0] += self.tilt_error * airborne
             estimate = VehicleOdometry(
-                k * MS, k * MS, k * MS, self.shown, LEVEL, np.zeros(3), rates, None, 0
+                k * MS, k * MS, k * MS, self.shown, LEVEL, np.zeros(3), rates, None
             )
             self.watch.imu(VehicleImu(k * MS, k * MS, k * MS, rates, force), estimate, airborne)
         if k % (1000 // self.rate_hz) == 0:

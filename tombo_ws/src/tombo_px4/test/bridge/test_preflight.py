@@ -14,12 +14,11 @@ from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_px4.autopilot.parameters import FLOWN_BY_POSES
 from tombo_px4.autopilot.parameters import PARAMETERS as PX4_PARAMETERS
+from tombo_px4.bridge.axes_proof import AxesEvidence, HandVerdict
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.bridge.hand_rotation_check import HandVerdict
-from tombo_px4.bridge.pose_axes import AxesEvidence
-from tombo_px4.bridge.preflight import Preflight
+from tombo_px4.bridge.checklist import Preflight
 from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS, FindingSeverity, parse_assignments
-from tombo_px4.link.decoded_messages import EstimatorStatusFlags, VehicleImu, VehicleOdometry
+from tombo_px4.link.messages import EstimatorStatusFlags, VehicleImu, VehicleOdometry
 from tombo_px4.link.timesync import TimeSync
 
 SECOND = 1000 * MS
@@ -77,7 +76,7 @@ class Lab:
             place, attitude = self.as_px4(self.place, self.attitude)
             zero = np.zeros(3)
             made.odometry.append(
-                VehicleOdometry(arrival, stamp, 1, place, attitude, zero, zero, None, 0)
+                VehicleOdometry(arrival, stamp, 1, place, attitude, zero, zero, None)
             )
         made.estimator = self.estimator
         return made

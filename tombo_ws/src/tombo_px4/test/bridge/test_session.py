@@ -1,24 +1,22 @@
 """When the bridge streams, arms, asks for modes and lands, against a scripted vehicle."""
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20.common import MAV_CMD_COMPONENT_ARM_DISARM, MAV_CMD_DO_SET_MODE
 
 from tombo_dynamics.messages import Phase
-from tombo_px4.bridge.bridge_records import (
+from tombo_px4.bridge.session import (
     BridgeOutput,
     CommandTransaction,
     RecentStatusTexts,
+    Session,
     SessionInput,
     SessionStage,
     SetpointSource,
     VehicleCommand,
 )
-from tombo_px4.bridge.offboard_session import Session
-from tombo_px4.link.decoded_messages import CommandAck, Heartbeat, MavLandedState, StatusText
+from tombo_px4.link.messages import CommandAck, Heartbeat, StatusText
 from tombo_px4.modes import (
     ALTCTL,
     AUTO_HOLD,
@@ -28,6 +26,7 @@ from tombo_px4.modes import (
     OFFBOARD,
     POSCTL,
     STABILIZED,
+    MavLandedState,
 )
 
 STEP = 20_000_000
@@ -236,12 +235,15 @@ def test_an_acknowledgement_is_no_confirmation():
 
 
 def test_a_heartbeat_from_before_the_order_confirms_nothing():
-    transaction, texts = CommandTransaction(VehicleCommand(mode=OFFBOARD), 2), RecentStatusTexts()
+    transaction, texts = (
+        CommandTransaction(VehicleCommand(mode=OFFBOARD), 2),
+        RecentStatusTexts(maxlen=8),
+    )
     old = Heartbeat(SECOND, False, OFFBOARD)
     assert transaction.tick(old, texts, SECOND + STEP), "it is sent even if it looks met"
     transaction.tick(old, texts, SECOND + 2 * STEP)
     assert not transaction.done
-    transaction.tick(replace(old, arrival_ns=SECOND + 2 * STEP), texts, SECOND + 3 * STEP)
+    transaction.tick(old._replace(arrival_ns=SECOND + 2 * STEP), texts, SECOND + 3 * STEP)
     assert transaction.done
 
 

@@ -1,15 +1,15 @@
-"""Arming, modes and fail-safes: what PX4's commander allows, refuses and does by itself."""
+"""Arming, modes and fail-safes of PX4's commander, and the states by which it decides."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import NamedTuple
 
+from tombo_dynamics.plant import Plant
 from tombo_dynamics.time_base import TICK_HZ
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.setpoint_controller import ControlLevel
-from tombo_px4.autopilot.vehicle_state import BatteryCharge
-from tombo_px4.link.decoded_messages import Result, Severity
 from tombo_px4.modes import (
     ACRO,
     ALTCTL,
@@ -24,7 +24,92 @@ from tombo_px4.modes import (
     POSCTL,
     STABILIZED,
     Mode,
+    Result,
+    Severity,
 )
+
+
+class TakeoffState(IntEnum):
+    """State of a take-off (PX4 `takeoff_status`)."""
+
+    DISARMED = 1
+    SPOOLUP = 2
+    READY = 3
+    RAMPUP = 4
+    FLIGHT = 5
+
+
+class BatteryCharge(NamedTuple):
+    """State of the battery."""
+
+    voltage: float
+    """[V]."""
+    current: float
+    """Drawn [A]."""
+    remaining: float
+    """Share of the charge, 1: full."""
+    warning: int
+    """0 none, 1 low, 2 critical, 3 emergency."""
+
+
+_EFFICIENCY = 0.7
+"""Of drives and motors, as in the effect `battery_sag`."""
+_LEVELS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")
+
+
+class BatteryMeter:
+    """Counts the charge of one pack, full at first; `voltage` [V] is that of the full pack."""
+
+    def __init__(self, voltage: float, parameters: ParameterTable) -> None:
+        self._voltage = voltage
+        self._parameters = parameters
+        self._used_mah = 0.0
+
+    def draw(self, plant: Plant, seconds: float) -> BatteryCharge:
+        """Count what the plant has drawn; without a battery in it, from power and voltage."""
+        voltage, current = float(plant.supply.voltage), float(plant.supply.current)
+        if voltage <= 0.0 or current <= 0.0:
+            voltage = self._voltage
+            power = float(plant.rotor_torque @ plant.rotor_speed)
+            current = power / (_EFFICIENCY * voltage)
+        self._used_mah += current * seconds / 3.6
+        get = self._parameters.get
+        capacity = get("BAT1_CAPACITY")
+        remaining = 1.0 if capacity <= 0.0 else max(1.0 - self._used_mah / capacity, 0.0)
+        warning = sum(remaining < get(name) for name in _LEVELS)
+        return BatteryCharge(voltage, current, remaining, warning)
+
+
+_CONTACT_TICKS, _MAYBE_TICKS, _LANDED_TICKS = 350, 250, 300
+
+
+class LandDetector:
+    """Ground contact, then maybe landed, then landed."""
+
+    def __init__(self) -> None:
+        self.contact_ticks = 0
+        """It has looked like standing for so long."""
+        self.landed = True
+
+    @property
+    def contact(self) -> bool:
+        """It touches the ground: the thrust may fall."""
+        return self.landed or self.contact_ticks >= _CONTACT_TICKS
+
+    @property
+    def maybe_landed(self) -> bool:
+        """It very likely stands: it may be disarmed."""
+        return self.landed or self.contact_ticks >= _CONTACT_TICKS + _MAYBE_TICKS
+
+    def stay(self, landed: bool) -> None:
+        """Say that it is on the ground, or leaves it, whatever its motion looks like."""
+        self.landed, self.contact_ticks = landed, 0
+
+    def update(self, stands: bool, ticks: int) -> None:
+        """Count whether it looks like standing, in the last `ticks` ticks of a flight."""
+        self.contact_ticks = self.contact_ticks + ticks if stands else 0
+        self.landed = self.contact_ticks >= _CONTACT_TICKS + _MAYBE_TICKS + _LANDED_TICKS
+
 
 DESCEND = Mode(-1)
 """Level descent without a position; a heartbeat shows it as land."""
@@ -58,23 +143,8 @@ _BATTERY = ("", "Low battery", "Critical battery", "Emergency battery level")
 Say = Callable[[Severity, str], None]
 
 
-class ArmingHealth(NamedTuple):
-    """Reasons that deny arming, as texts for the operator, and what is known."""
-
-    problems: tuple[str, ...]
-    """Empty: it may be armed in the present mode."""
-    attitude: bool
-    local_position: bool
-    global_position: bool
-
-    @property
-    def armable(self) -> bool:
-        """Whether arming is allowed in the current mode."""
-        return not self.problems
-
-
 class CommanderInput(NamedTuple):
-    """Inputs of the commander."""
+    """What the vehicle knows of itself, by which the commander decides."""
 
     tick: int
     attitude: bool
@@ -142,8 +212,8 @@ class Commander:
         limit = TICK_HZ * self._parameters.get("COM_OF_LOSS_T")
         return now.signal_tick < 0 or now.tick - now.signal_tick > limit
 
-    def health(self, now: CommanderInput) -> ArmingHealth:
-        """Return what arming in the present mode would be denied for."""
+    def problems(self, now: CommanderInput) -> tuple[str, ...]:
+        """Return what arming in the present mode would be denied for, as texts; () if nothing."""
         problems = [self.missing(self.user_intended_mode, now)]
         if self.user_intended_mode in _NOT_FOR_ARMING:
             problems.append("Mode not suitable for arming")
@@ -151,12 +221,7 @@ class Commander:
             problems.append(_BATTERY[now.battery.warning])
         if self.terminated:
             problems.append("Flight termination active")
-        return ArmingHealth(
-            tuple(dict.fromkeys(filter(None, problems))),
-            now.attitude,
-            now.local_position,
-            now.global_position,
-        )
+        return tuple(dict.fromkeys(filter(None, problems)))
 
     # --- commands
 
@@ -164,7 +229,7 @@ class Commander:
         """Arm, if nothing is in the way. Force does not help: PX4 checks commands from outside."""
         if self.armed:
             return Result.ACCEPTED
-        problems = self.health(now).problems
+        problems = self.problems(now)
         if problems:
             self._say(Severity.CRITICAL, "Arming denied: Resolve system health failures first")
             for problem in problems:

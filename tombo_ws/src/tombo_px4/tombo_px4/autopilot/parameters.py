@@ -100,11 +100,15 @@ FLOWN_BY_POSES = {
 
 
 class ParameterTable:
-    """Values of the parameters, in the order of the table. Floats have single precision."""
+    """Values of the parameters, in the order of the table. Floats have single precision.
+
+    Attributes:
+        stored: what clients have set, also out of bounds, as PX4 takes it.
+    """
 
     def __init__(self) -> None:
         self._table = {p.name: p for p in PARAMETERS}
-        self._values = {p.name: p.rounded(p.default) for p in PARAMETERS}
+        self.stored = {p.name: p.rounded(p.default) for p in PARAMETERS}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -117,33 +121,17 @@ class ParameterTable:
         Raises:
             KeyError: there is no such parameter.
         """
-        value, parameter = self._values[name], self._table[name]
+        value, parameter = self.stored[name], self._table[name]
         if math.isnan(value):
             return parameter.rounded(parameter.default)
         return min(max(value, parameter.rounded(parameter.low)), parameter.rounded(parameter.high))
 
-    def stored(self, name: str) -> float:
-        """Return a value as a client has set it, which may be out of bounds.
-
-        Raises:
-            KeyError: there is no such parameter.
-        """
-        return self._values[name]
-
     def store(self, name: str, value: float) -> None:
-        """Store what a client sends: PX4 takes what is out of bounds, too.
-
-        Raises:
-            KeyError: there is no such parameter.
-        """
-        self._values[name] = self._table[name].rounded(value)
+        """Store what a client sends; KeyError: there is no such parameter."""
+        self.stored[name] = self._table[name].rounded(value)
 
     def type_of(self, name: str) -> Literal["int32", "float"]:
-        """Return `int32` or `float`.
-
-        Raises:
-            KeyError: there is no such parameter.
-        """
+        """Return `int32` or `float`; KeyError: there is no such parameter."""
         return self._table[name].kind
 
     def set(self, name: str, value: float) -> str:
@@ -163,5 +151,5 @@ class ParameterTable:
     def set_vehicle_default(self, name: str, value: float) -> None:
         """Set the default of this vehicle, unless a client has set another value."""
         parameter = self._table[name]
-        if self._values[name] == parameter.rounded(parameter.default):
+        if self.stored[name] == parameter.rounded(parameter.default):
             self.store(name, min(max(value, parameter.low), parameter.high))

@@ -17,27 +17,23 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.commander import (
     DESCEND,
     TERMINATE,
-    ArmingHealth,
+    BatteryCharge,
+    BatteryMeter,
     Commander,
     CommanderInput,
+    LandDetector,
+    TakeoffState,
 )
 from tombo_px4.autopilot.ekf2_model import Ekf2Model
-from tombo_px4.autopilot.navigator import Navigator
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.setpoint_controller import (
     ControlLevel,
+    Navigator,
     OffboardSetpoint,
     SetpointController,
     finite_or_nan,
     refusal_of,
 )
-from tombo_px4.autopilot.vehicle_state import (
-    BatteryCharge,
-    BatteryMeter,
-    LandDetector,
-    TakeoffState,
-)
-from tombo_px4.link.decoded_messages import MavLandedState, Result, Severity
 from tombo_px4.modes import (
     ALTCTL,
     AUTO_HOLD,
@@ -47,7 +43,10 @@ from tombo_px4.modes import (
     MANUAL,
     OFFBOARD,
     STABILIZED,
+    MavLandedState,
     Mode,
+    Result,
+    Severity,
 )
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
@@ -173,9 +172,27 @@ class Px4Vehicle:
         return MavLandedState.IN_AIR
 
     @property
-    def health(self) -> ArmingHealth:
-        """What arming would be denied for."""
-        return self._commander.health(self._situation())
+    def problems(self) -> tuple[str, ...]:
+        """What arming would be denied for, as texts for the operator."""
+        return self._commander.problems(self.situation)
+
+    @property
+    def situation(self) -> CommanderInput:
+        """What it knows of itself at the present tick."""
+        tick, ekf2_model = self.tick, self.ekf2_model
+        return CommanderInput(
+            tick,
+            ekf2_model.attitude_ok,
+            ekf2_model.local_ok(tick),
+            ekf2_model.global_ok(tick),
+            self._ground.landed,
+            self._ground.maybe_landed,
+            self._taken_off,
+            self._signal_tick,
+            self._signal_kind,
+            self.battery,
+            ekf2_model.altitude_ok(tick),
+        )
 
     @property
     def home(self) -> Array:
@@ -235,7 +252,7 @@ class Px4Vehicle:
     def arm(self) -> Result:
         """Arm; force does not help, as with PX4."""
         was = self.armed
-        result = self._commander.arm(self._situation())
+        result = self._commander.arm(self.situation)
         if self.armed and not was:
             self._armed_tick = self.tick
             self.takeoff_state = TakeoffState.SPOOLUP
@@ -247,11 +264,11 @@ class Px4Vehicle:
 
     def disarm(self, force: bool = False) -> Result:
         """Disarm; in the air only by force."""
-        return self._commander.disarm(self._situation(), force)
+        return self._commander.disarm(self.situation, force)
 
     def set_mode(self, mode: Mode, says: str = "") -> Result:
         """Change the flight mode; an armed vehicle that does it `says` so."""
-        result = self._commander.set_mode(mode, self._situation())
+        result = self._commander.set_mode(mode, self.situation)
         if says and result == Result.ACCEPTED and self.armed:
             self._say(Severity.INFO, says)
         return result
@@ -303,28 +320,12 @@ class Px4Vehicle:
         lifts = self.takeoff_state >= TakeoffState.RAMPUP
         return lifts and tick - self._ramp_tick > _TAKEOFF_TICKS
 
-    def _situation(self) -> CommanderInput:
-        tick, ekf2_model = self.tick, self.ekf2_model
-        return CommanderInput(
-            tick,
-            ekf2_model.attitude_ok,
-            ekf2_model.local_ok(tick),
-            ekf2_model.global_ok(tick),
-            self._ground.landed,
-            self._ground.maybe_landed,
-            self._taken_off,
-            self._signal_tick,
-            self._signal_kind,
-            self.battery,
-            ekf2_model.altitude_ok(tick),
-        )
-
     def _decide(self, tick: int) -> None:
         """Fifty times a second: battery, ground, mode, set points."""
         self.battery = self._meter.draw(self.simulator.plant, POSITION_TICKS * TICK_S)
         self._detect_landing(tick)
         commander = self._commander
-        commander.update(self._situation())
+        commander.update(self.situation)
         mode = commander.mode
         if not commander.armed:
             self.takeoff_state = TakeoffState.DISARMED
@@ -345,7 +346,7 @@ class Px4Vehicle:
         else:
             self._controller.take(followed, self._climb_max(tick), self._speed_max(mode))
         if self._navigator.finished and commander.user_intended_mode == AUTO_TAKEOFF:
-            now = self._situation()
+            now = self.situation
             if not commander.missing(AUTO_HOLD, now):
                 commander.set_mode(AUTO_HOLD, now)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -22,33 +21,37 @@ from tombo_dynamics.input_check import PoseRefusal, check_pose
 from tombo_dynamics.messages import Phase, PositionSetpoint
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.bridge.bridge_records import (
+from tombo_px4.bridge.axes_proof import AxesEvidence
+from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
+from tombo_px4.bridge.checklist import Preflight, PreflightFinding
+from tombo_px4.bridge.flight_watch import FlightWatch, RepeatedPose
+from tombo_px4.bridge.level_descent import LevelDescent
+from tombo_px4.bridge.link_health import MessageRates
+from tombo_px4.bridge.session import (
     BridgeOutput,
     BridgeStatus,
+    Session,
     SessionInput,
     SessionStage,
     SetpointSource,
     VehicleCommand,
 )
-from tombo_px4.bridge.checklist import PreflightFinding
-from tombo_px4.bridge.flight_watch import FlightWatch, RepeatedPose
-from tombo_px4.bridge.level_descent import LevelDescent
-from tombo_px4.bridge.message_rates import MessageRates
-from tombo_px4.bridge.offboard_session import Session
-from tombo_px4.bridge.pose_axes import AxesEvidence
-from tombo_px4.bridge.preflight import Preflight
 from tombo_px4.bridge.setpoint_stream import FlightLimits, SetpointStream
 from tombo_px4.bridge.vehicle_parameters import HOVER, READ, FindingSeverity, ParameterReader
-from tombo_px4.link import decoded_messages as decoded
-from tombo_px4.link import message_encoder
-from tombo_px4.link.decoded_messages import MavLandedState, Result
-from tombo_px4.link.link_params import LinkParams
+from tombo_px4.link import messages
 from tombo_px4.link.mavlink_link import Received
-from tombo_px4.link.message_decoder import MessageDecoder
-from tombo_px4.link.message_encoder import MessageTarget
-from tombo_px4.link.timesync import TimeSync
-from tombo_px4.modes import AUTO_LAND, OFFBOARD, mode_name
+from tombo_px4.link.messages import (
+    BatteryReading,
+    CommandAck,
+    Heartbeat,
+    MessageDecoder,
+    MessageTarget,
+    StatusText,
+    VehicleImu,
+    VehicleOdometry,
+)
+from tombo_px4.link.timesync import TimeSync, answer_request
+from tombo_px4.modes import AUTO_LAND, OFFBOARD, MavLandedState, Result, mode_name
 
 _HEARTBEAT_NS = _REBOOT_NS = SECOND_NS
 _TIMESYNC_NS = SECOND_NS // 10
@@ -126,10 +129,11 @@ class Bridge:
         self.stream = SetpointStream(params, self._target, mass, self.limits)
         self.parameters = ParameterReader(READ, self._target, writes)
         self._out = BridgeOutput()
-        self._answers: list[decoded.TimesyncMessage] = []
-        self._heartbeat: decoded.Heartbeat | None = None
-        self._odometry: decoded.VehicleOdometry | None = None
-        self._imu: decoded.VehicleImu | None = None
+        self._asked: list[tuple[int, int]] = []
+        """Times in TIMESYNC requests of the vehicle, and their arrivals."""
+        self._heartbeat: Heartbeat | None = None
+        self._odometry: VehicleOdometry | None = None
+        self._imu: VehicleImu | None = None
         self._landed = MavLandedState.UNDEFINED
         self._version = ""
         self._battery_ns = 0
@@ -146,36 +150,36 @@ class Bridge:
 
     def take(self, received: Received) -> None:
         """Handle a message of the vehicle."""
-        content = self.message_decoder.read(received)
-        self.message_rates.count(received.message.get_type(), received.arrival_ns)
-        handle = self._handlers.get(type(content))
-        if handle is not None:
-            handle(content)
+        name = received.message.get_type()
+        self.message_rates.count(name, received.arrival_ns)
+        content: Any = self.message_decoder.read(received)
+        if content is not None and name in self._handlers:
+            self._handlers[name](content)
 
     @cached_property
-    def _handlers(self) -> dict[type, Callable[[Any], None]]:
-        """Type of record → its handler."""
+    def _handlers(self) -> dict[str, Callable[[Any], object]]:
+        """Name of a message → what takes its content."""
         return {
-            decoded.VehicleOdometry: self._take_odometry,
-            decoded.VehicleImu: self._take_imu,
-            decoded.Heartbeat: partial(setattr, self, "_heartbeat"),
-            decoded.TimesyncMessage: self._take_timesync,
-            decoded.CommandAck: self._take_ack,
-            decoded.StatusText: self._say,
-            decoded.MavLandedState: partial(setattr, self, "_landed"),
-            decoded.EstimatorStatusFlags: partial(setattr, self.preflight, "estimator"),
-            decoded.ParameterValue: self.parameters.take,
-            decoded.BatteryReading: self._take_battery,
-            decoded.BatterySummary: self._take_battery_summary,
-            decoded.ThrustSetpoint: self._take_thrust,
-            decoded.AutopilotVersion: self._take_version,
+            "ODOMETRY": self._take_odometry,
+            "HIGHRES_IMU": self._take_imu,
+            "HEARTBEAT": partial(setattr, self, "_heartbeat"),
+            "TIMESYNC": self._take_timesync,
+            "COMMAND_ACK": self._take_ack,
+            "STATUSTEXT": self._say,
+            "EXTENDED_SYS_STATE": partial(setattr, self, "_landed"),
+            "ESTIMATOR_STATUS": partial(setattr, self.preflight, "estimator"),
+            "PARAM_VALUE": self.parameters.take,
+            "BATTERY_STATUS": self._take_battery,
+            "SYS_STATUS": self._take_battery_summary,
+            "ATTITUDE_TARGET": self._take_throttle,
+            "AUTOPILOT_VERSION": self._take_version,
         }
 
-    def _take_version(self, message: decoded.AutopilotVersion) -> None:
-        self._version = message.firmware
-        self.preflight.take_vehicle(message.hardware_id)
+    def _take_version(self, content: tuple[str, str]) -> None:
+        self._version, hardware_id = content
+        self.preflight.take_vehicle(hardware_id)
 
-    def _take_imu(self, message: decoded.VehicleImu) -> None:
+    def _take_imu(self, message: VehicleImu) -> None:
         self.preflight.imu(message)
         before, self._imu = self._imu, message
         if message.stamp_ns is None:
@@ -189,26 +193,28 @@ class Bridge:
             step_s = min((message.boot_ns - before.boot_ns) * 1e-9, _LONGEST_STEP_S)
             self.descent.feel(message.gyro, message.accel, step_s)
 
-    def _take_thrust(self, message: decoded.ThrustSetpoint) -> None:
+    def _take_throttle(self, throttle: float) -> None:
         """Learn the throttle that hovers, of a vehicle in the air."""
         if self._imu is not None and self._flying:
-            self.descent.learn_hover(message.throttle, float(self._imu.accel[2]), _THRUST_S)
+            self.descent.learn_hover(throttle, float(self._imu.accel[2]), _THRUST_S)
 
-    def _take_timesync(self, message: decoded.TimesyncMessage) -> None:
-        if message.tc1 == 0:
-            self._answers.append(message)
+    def _take_timesync(self, content: tuple[int, int, int]) -> None:
+        arrival_ns, tc1, ts1 = content
+        if tc1 == 0:
+            self._asked.append((ts1, arrival_ns))
         else:
-            self.sync.reply(message.tc1, message.ts1, message.arrival_ns)
+            self.sync.reply(tc1, ts1, arrival_ns)
 
-    def _take_battery(self, message: decoded.BatteryReading) -> None:
+    def _take_battery(self, message: BatteryReading) -> None:
         self._battery_ns = message.arrival_ns
         self._out.battery.append(message)
 
-    def _take_battery_summary(self, message: decoded.BatterySummary) -> None:
+    def _take_battery_summary(self, message: BatteryReading) -> None:
+        """Take the battery as SYS_STATUS has it, without its cells, where nothing better comes."""
         if message.arrival_ns - self._battery_ns > 2 * SECOND_NS:
             self._out.battery.append(message)
 
-    def _take_ack(self, ack: decoded.CommandAck) -> None:
+    def _take_ack(self, ack: CommandAck) -> None:
         """Take an answer; ask for all failed checks where arming is refused.
 
         PX4 reports a check when its result changes, which may be long ago.
@@ -216,14 +222,16 @@ class Bridge:
         self.session.handle_ack(ack)
         arms = ack.command == mav.MAV_CMD_COMPONENT_ARM_DISARM and not self._armed
         if arms and ack.result not in (Result.ACCEPTED, Result.IN_PROGRESS):
-            self._out.messages.append(message_encoder.run_checks(self._target))
+            self._out.messages.append(
+                messages.command(self._target, mav.MAV_CMD_RUN_PREARM_CHECKS)
+            )
 
-    def _say(self, text: decoded.StatusText) -> None:
+    def _say(self, text: StatusText) -> None:
         self._last_text = text.text
         self.session.recent_texts.take(text)
         self._out.texts.append(text)
 
-    def _take_odometry(self, message: decoded.VehicleOdometry) -> None:
+    def _take_odometry(self, message: VehicleOdometry) -> None:
         if message.boot_ns < self._boot_ns - _REBOOT_NS:
             self._rebooted(message.arrival_ns)
         elif message.boot_ns <= self._boot_ns:
@@ -268,7 +276,7 @@ class Bridge:
         unit = attitude / np.linalg.norm(attitude)
         self.preflight.pose(stamp_ns, now_ns, position, unit)
         self.watch.motion.pose(stamp_ns, position, unit)
-        pose = message_encoder.pose_message(stamp_ns, position, unit)
+        pose = messages.pose_message(stamp_ns, position, unit)
         self._out.messages.append(pose)
         self.poses_sent += 1
         return why
@@ -309,13 +317,6 @@ class Bridge:
     @property
     def _flying(self) -> bool:
         return self._armed and self._landed != MavLandedState.ON_GROUND
-
-    def request(self, kind: str) -> int:
-        """Take an operator's request: arm, disarm, offboard, land, hold; return its number.
-
-        The answer comes in `BridgeOutput.replies`, within some seconds.
-        """
-        return self.session.request(kind)
 
     # --- What goes out ------------------------------------------------------------------------
 
@@ -364,7 +365,7 @@ class Bridge:
             wanted = self.descent.step(now_ns, odometry.attitude, velocity, self.hover_thrust)
             if wanted is None:
                 return []
-            return [message_encoder.rotation_target(*wanted, self._target, now_ns)]
+            return [messages.rotation_target(*wanted, self._target, now_ns)]
         self.descent.end()
         self.stream.ceiling = self.watch.ceiling(now_ns, self.preflight.latest_position)
         message = self.stream.message(stream, self._present(now_ns), self.hover_thrust, now_ns)
@@ -421,7 +422,7 @@ class Bridge:
         self.watch.pose_ns = now_ns
         self._linked_ns = now_ns if self._linked_ns is not None else None
         if self._heartbeat is not None:
-            self._heartbeat = replace(self._heartbeat, arrival_ns=now_ns)
+            self._heartbeat = self._heartbeat._replace(arrival_ns=now_ns)
         self._odometry = None
         self.preflight.reset()
         self.parameters.reset()
@@ -448,21 +449,20 @@ class Bridge:
         return due
 
     def _answer_timesync(self, now_ns: int, out: BridgeOutput) -> None:
-        for request in self._answers:
-            times = self.sync.answer(request.tc1, request.ts1, request.arrival_ns, now_ns)
-            if times is not None:
-                self.answered += 1
-                out.messages.append(message_encoder.timesync(times))
-        self._answers.clear()
+        for ts1, arrival_ns in self._asked:
+            self.answered += 1
+            times = answer_request(ts1, arrival_ns, now_ns)
+            out.messages.append(mav.MAVLink_timesync_message(*times))
+        self._asked.clear()
 
     def _housekeeping(self, now_ns: int, linked: bool, out: BridgeOutput) -> None:
         if self._due("heartbeat", _HEARTBEAT_NS, now_ns):
-            out.messages.append(message_encoder.heartbeat())
+            out.messages.append(messages.heartbeat())
         beat = self._heartbeat
         if not linked or beat is None:
             return
         if self._due("timesync", _TIMESYNC_NS, now_ns):
-            out.messages.append(message_encoder.timesync(self.sync.request(now_ns)))
+            out.messages.append(mav.MAVLink_timesync_message(*self.sync.request(now_ns)))
         begun = "ask" not in self._done_ns
         if self._due("ask", _ASK_NS, now_ns):
             out.messages += self.message_rates.requests(now_ns, begun)
@@ -475,7 +475,7 @@ class Bridge:
         out.messages += self.parameters.tick(now_ns, not beat.armed)
 
     def _request(self, number: int) -> Any:
-        return message_encoder.request_message(self._target, number)
+        return messages.request_message(self._target, number)
 
     def shutdown_command(self) -> Any:
         """Return the command that lands a vehicle that flies by our set points; None: not needed.

@@ -1,12 +1,11 @@
-"""Parameters of the PX4 bridge: what it sends, and conditions for arming."""
+"""Parameters of the PX4 bridge: its link, what it sends, and conditions for arming."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from tombo_dynamics.errors import unknown_name
-from tombo_dynamics.params import param
-from tombo_px4.link.link_params import plain
+from tombo_dynamics.params import param, plain
 
 POSITION, ATTITUDE, RATES = "position", "attitude", "rates"
 SETPOINT_KINDS = {
@@ -18,6 +17,26 @@ SETPOINT_KINDS = {
 
 SIMULATED = "simulated"
 """The poses are those of a simulated vehicle that the same command has started."""
+
+
+@dataclass(frozen=True)
+class LinkParams:
+    """URL of the link, system and component ids."""
+
+    url: str = plain(
+        "udpin://127.0.0.1:14540",
+        "udpin://HOST:PORT, udpout://HOST:PORT, tcpout://HOST:PORT or serial:///dev/tty…:BAUD",
+    )
+    system: int = param(1, "1", (1, 255), "MAVLink system of the vehicle", "PX4: MAV_SYS_ID")
+    component: int = param(1, "1", (1, 255), "MAVLink component of its autopilot", "PX4: 1")
+    own_system: int = param(
+        245, "1", (1, 255), "MAVLink system of this bridge", "free; 255 is a ground station's"
+    )
+    own_component: int = param(
+        191, "1", (1, 255), "MAVLink component of this bridge", "on-board computer"
+    )
+    key_file: str = plain("", "file with the signing key, 32 bytes; empty: nothing is signed")
+    allow_remote: bool = plain(False, "true: speak to other machines than this one")
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,10 @@ from tombo_px4.bridge.pose_motion import (
     SHORT_HALF,
     MotionSums,
     fit_axes,
-    integrate,
-    rotation_spans,
     second_differences,
 )
 from tombo_px4.bridge.setpoint_stream import FlightLimits
-from tombo_px4.link.decoded_messages import VehicleImu, VehicleOdometry
+from tombo_px4.link.messages import VehicleImu, VehicleOdometry
 
 _LEVEL, _UPWARD = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _UP = GRAVITY * _UPWARD
@@ -408,12 +406,9 @@ class PoseMotionWatch:
         self._turns_agree = False
         if len(poses) < 20 or len(imu) < 20:
             return None
-        begin_ns = imu[0][0]
-        stamps = np.array([p[0] for p in poses])
-        times = np.array([(s[0] - begin_ns) * 1e-9 for s in imu])
-        turned = integrate(times, np.array([s[1] for s in imu]))
-        spans = rotation_spans(stamps, np.array([p[2] for p in poses]), begin_ns)
-        fit = fit_axes(times, turned, spans, any_axes=False)
+        stamps, attitudes = (np.array([p[k] for p in poses]) for k in (0, 2))
+        imu_stamps, rates = (np.array([s[k] for s in imu]) for k in (0, 1))
+        fit = fit_axes(imu_stamps, rates, stamps, attitudes, any_axes=False)
         size = np.linalg.norm(fit.felt, axis=1)
         use = (size > _TURN_LEAST_RAD) & (size < _TURN_MOST_RAD)
         sums = MotionSums(_TURN_SPAN_S)

@@ -17,7 +17,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import parameter_record
 from tombo_dynamics.time_base import TICK_HZ, TICK_NS
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.link.message_encoder import throttle_of
+from tombo_px4.link.messages import throttle_of
 
 PERIOD_NS = POSITION_TICKS * TICK_NS
 """Period of its set points: that of the position loop [ns]."""

@@ -121,16 +121,23 @@ class AxesFit(NamedTuple):
 _NO_FIT = AxesFit(math.inf, 0.0, np.eye(3), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def fit_axes(times: Array, turned: Array, spans: TurnSpans, any_axes: bool) -> AxesFit:
-    """Return the delay and the axes that explain most.
+def fit_axes(
+    imu_stamps: Array, rates: Array, stamps: Array, attitude: Array, any_axes: bool
+) -> AxesFit:
+    """Return the delay and the axes by which the gyro explains most of the poses' rotations.
 
     Args:
-        times: (N) of the gyro [s].
-        turned: (N, 3) its integral [rad].
-        spans: of the poses.
+        imu_stamps: (K) of the gyro [ns], growing.
+        rates: (K, 3) [rad/s].
+        stamps: (N) of the poses [ns], growing.
+        attitude: (N, 4) xyzw.
         any_axes: any rotation between the axes is looked for, which takes turns about each axis;
             else the axes are the autopilot's.
     """
+    begin_ns = imu_stamps[0]
+    times = (imu_stamps - begin_ns) * 1e-9
+    turned = integrate(times, rates)
+    spans = rotation_spans(stamps, attitude, begin_ns)
     best = _NO_FIT
     delays: list[float] = np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S).tolist()
     for step in (_COARSE_S, _FINE_S):

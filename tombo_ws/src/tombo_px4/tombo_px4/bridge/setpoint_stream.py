@@ -17,10 +17,9 @@ from tombo_dynamics.records import parameter_record
 from tombo_dynamics.rotation import tilt
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.bridge_params import POSITION, BridgeParams
-from tombo_px4.bridge.bridge_records import SetpointSource
-from tombo_px4.link import message_encoder
-from tombo_px4.link.decoded_messages import VehicleOdometry
-from tombo_px4.link.message_encoder import MessageTarget
+from tombo_px4.bridge.session import SetpointSource
+from tombo_px4.link import messages
+from tombo_px4.link.messages import MessageTarget, VehicleOdometry
 
 
 @dataclass(frozen=True)
@@ -191,7 +190,7 @@ class SetpointStream:
             )
         lead = _ATTITUDE_LAG_S * setpoint.acceleration
         setpoint = replace(setpoint, velocity=setpoint.velocity + lead)
-        return message_encoder.position_target(setpoint, self._target, now_ns)
+        return messages.position_target(setpoint, self._target, now_ns)
 
     def _wanted(self, now_ns: int, due: bool, hover: float) -> Any | None:
         """Return the set point of the suite as a message for PX4."""
@@ -201,8 +200,8 @@ class SetpointStream:
             if now_ns - taken_ns <= _TIMEOUT_NS:
                 if not self._attitude_or_rates_new and not due:
                     return None
-                throttle = message_encoder.throttle_of(thrust, self._mass, hover)
-                return message_encoder.rotation_target(wanted, throttle, self._target, now_ns)
+                throttle = messages.throttle_of(thrust, self._mass, hover)
+                return messages.rotation_target(wanted, throttle, self._target, now_ns)
         setpoint = self._setpoint
         if setpoint is None:
             return None

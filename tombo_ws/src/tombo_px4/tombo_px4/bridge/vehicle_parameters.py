@@ -6,16 +6,16 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.link.decoded_messages import ParameterValue
-from tombo_px4.link.message_encoder import MessageTarget, float_of_int, read_parameter
+from tombo_px4.link.messages import MessageTarget, ParameterValue, float_of_int, read_parameter
 
-EV_CTRL, EV_DELAY, SYS_HAS_GPS = "EKF2_EV_CTRL", "EKF2_EV_DELAY", "SYS_HAS_GPS"
+EV_CTRL, EV_DELAY = "EKF2_EV_CTRL", "EKF2_EV_DELAY"
+_GPS_CTRL, _HAS_GPS = "EKF2_GPS_CTRL", "SYS_HAS_GPS"
 HOVER = "MPC_THR_HOVER"
 FUSED = 11
 """EKF2_EV_CTRL: position (1), height (2) and yaw (8)."""
@@ -34,113 +34,120 @@ class FindingSeverity(IntEnum):
 _ADVICE, _WARNING, _BLOCKS = FindingSeverity
 
 
-@dataclass(frozen=True)
-class FlightParameter:
-    """A parameter on which a flight on poses depends."""
+class FlightParameter(NamedTuple):
+    """A parameter on which a flight on poses depends.
+
+    Attributes:
+        name: PX4's.
+        value: the one that is recommended.
+        why: what PX4 1.17 does with another value.
+        set_by: word in `px4_parameters` that sets it; "": it is only told.
+        accepts: whether a value is good; None: it is not checked.
+        weight: of the finding otherwise.
+    """
 
     name: str
     value: float
-    """The value that is recommended."""
-    accepts: Callable[[float], bool]
     why: str
-    """What PX4 1.17 does with another value."""
-    weight: FindingSeverity
+    set_by: str
+    accepts: Callable[[float], bool] | None = None
+    weight: FindingSeverity = _ADVICE
 
 
+_SAFE, _MOCAP = "safe", "mocap"
 FLIGHT_PARAMETERS = (
     FlightParameter(
-        "COM_OBL_RC_ACT", 4, lambda action: action == 4,
+        "COM_OBL_RC_ACT", 4,
         "set points or position lost: 4 lands; at 0, 1 and 2 it flies on in altitude and"
         " stabilized mode that nobody steers, at 3 it may climb to 60 m, at 6 and 7 it falls",
-        _BLOCKS,
+        _SAFE, lambda action: action == 4, _BLOCKS,
     ),
     FlightParameter(
-        "COM_OF_LOSS_T", 1.0, lambda seconds: 0.25 <= seconds <= 2.0,
+        "COM_OF_LOSS_T", 1.0,
         "so long without set points it flies on; below 0.25 s one late set point ends a flight",
-        _BLOCKS,
+        _SAFE, lambda seconds: 0.25 <= seconds <= 2.0, _BLOCKS,
     ),
     FlightParameter(
-        "EKF2_BARO_CTRL", 1, lambda used: used == 1,
+        "EKF2_BARO_CTRL", 1,
         "the height while poses are lost; at 0 it does not notice the ground and stays armed",
-        _BLOCKS,
+        _SAFE, lambda used: used == 1, _BLOCKS,
     ),
     FlightParameter(
-        "COM_DISARM_LAND", 2.0, lambda seconds: 0.1 <= seconds <= 10.0,
-        "so long after landing it disarms; below 0 never", _BLOCKS,
+        "COM_DISARM_LAND", 2.0, "so long after landing it disarms; below 0 never",
+        _SAFE, lambda seconds: 0.1 <= seconds <= 10.0, _BLOCKS,
     ),
     FlightParameter(
-        EV_CTRL, FUSED, lambda bits: int(bits) & FUSED == FUSED,
+        EV_CTRL, FUSED,
         "without bit 0 it fuses no position, without bit 1 no height, without bit 3 no yaw: its"
-        " heading is the magnetometer's, which is wrong indoors", _WARNING,
+        " heading is the magnetometer's, which is wrong indoors",
+        _MOCAP, lambda bits: int(bits) & FUSED == FUSED, _WARNING,
     ),
     FlightParameter(
-        "EKF2_HGT_REF", 3, lambda sensor: sensor == 3,
+        "EKF2_HGT_REF", 3,
         "height refers to another sensor than the poses: 0 the barometer, 1 GPS, 2 the range"
-        " finder", _WARNING,
+        " finder",
+        _MOCAP, lambda sensor: sensor == 3, _WARNING,
     ),
     FlightParameter(
-        "EKF2_GPS_CTRL", 0, lambda used: used == 0, "GPS pulls the estimate off indoors", _WARNING
+        _GPS_CTRL, 0, "GPS pulls the estimate off indoors", _MOCAP, lambda used: used == 0,
+        _WARNING,
     ),
     FlightParameter(
-        "EKF2_RNG_CTRL", 0, lambda used: used == 0,
-        "the range finder pulls the estimate off", _WARNING,
+        "EKF2_RNG_CTRL", 0, "the range finder pulls the estimate off",
+        _MOCAP, lambda used: used == 0, _WARNING,
     ),
     FlightParameter(
-        "EKF2_MAG_TYPE", 5, lambda kind: kind == 5,
-        "the magnetometer pulls the yaw off indoors", _WARNING,
+        "EKF2_MAG_TYPE", 5, "the magnetometer pulls the yaw off indoors",
+        _MOCAP, lambda kind: kind == 5, _WARNING,
     ),
     FlightParameter(
-        EV_DELAY, 0.0, lambda ms: ms <= 30.0,
-        "it counts on top of stamps that already say when a pose was captured", _WARNING,
+        EV_DELAY, 0.0, "it counts on top of stamps that already say when a pose was captured",
+        "", lambda ms: ms <= 30.0, _WARNING,
     ),
     FlightParameter(
-        "NAV_DLL_ACT", 0, lambda action: action <= 0,
-        "the bridge is its ground station: PX4 does this when the bridge ends in flight", _ADVICE,
+        "NAV_DLL_ACT", 0,
+        "the bridge is its ground station: PX4 does this when the bridge ends in flight",
+        _SAFE, lambda action: action <= 0,
     ),
     FlightParameter(
-        "COM_RCL_EXCEPT", 4, lambda modes: bool(int(modes) & _OFFBOARD_EXCEPTED),
+        "COM_RCL_EXCEPT", 4,
         "without bit 2 it leaves OFFBOARD when no remote control is heard; or have one on",
-        _ADVICE,
+        _SAFE, lambda modes: bool(int(modes) & _OFFBOARD_EXCEPTED),
     ),
+    FlightParameter("COM_LOW_BAT_ACT", 2, "a critical battery: 2 lands", _SAFE),
+    FlightParameter(_HAS_GPS, 0, "no GPS receiver is expected indoors", _MOCAP),
+    FlightParameter("SYS_HAS_MAG", 0, "no magnetometer is expected indoors", _MOCAP),
 )  # fmt: skip
 """With those that block, a real PX4 1.17 ends on the ground, disarmed, also without the bridge."""
 SAFE_PARAMETERS: Mapping[str, float] = {
-    **{p.name: p.value for p in FLIGHT_PARAMETERS if p.weight != _WARNING},
-    "COM_LOW_BAT_ACT": 2,
+    p.name: p.value for p in FLIGHT_PARAMETERS if p.set_by == _SAFE
 }
 """What `px4_parameters=safe` sets; a critical battery lands, and OFFBOARD needs neither remote
 control nor another ground station."""
 MOCAP_ONLY: Mapping[str, float] = {
-    **{p.name: p.value for p in FLIGHT_PARAMETERS if p.weight == _WARNING and p.name != EV_DELAY},
-    SYS_HAS_GPS: 0,
-    "SYS_HAS_MAG": 0,
+    p.name: p.value for p in FLIGHT_PARAMETERS if p.set_by == _MOCAP
 }
 """What `px4_parameters=mocap` sets. With these PX4 1.17 flew by external poses alone: position,
 height and yaw."""
-READ = (*(p.name for p in FLIGHT_PARAMETERS), SYS_HAS_GPS, HOVER)
+SETS: Mapping[str, Mapping[str, float]] = {_SAFE: SAFE_PARAMETERS, _MOCAP: MOCAP_ONLY}
+"""Word in `px4_parameters` → what it stands for: a loss ends on the ground; by poses alone."""
+READ = (*(p.name for p in FLIGHT_PARAMETERS if p.accepts), _HAS_GPS, HOVER)
 """Parameters read from the vehicle."""
 
 
 def explain_parameters(values: Mapping[str, float | int], weight: FindingSeverity) -> str:
     """Return in words which parameters of a severity are not accepted; "" if none is known."""
-    no_gps = values.get(SYS_HAS_GPS, 1) == 0
+    no_gps = values.get(_HAS_GPS, 1) == 0
     return "; ".join(
         f"{p.name} is {values[p.name]:g}, set it to {p.value:g} ({p.why})"
         for p in FLIGHT_PARAMETERS
-        if p.weight == weight
+        if p.accepts is not None
+        and p.weight == weight
         and not p.accepts(values.get(p.name, p.value))
-        and not (no_gps and p.name == "EKF2_GPS_CTRL")
+        and not (no_gps and p.name == _GPS_CTRL)
     )
 
 
-SETS: Mapping[str, Mapping[str, float]] = {"safe": SAFE_PARAMETERS, "mocap": MOCAP_ONLY}
-"""Word in `px4_parameters` → what it stands for: a loss ends on the ground; by poses alone."""
-_REASONS: Mapping[str, str] = {
-    **{p.name: p.why for p in FLIGHT_PARAMETERS},
-    "COM_LOW_BAT_ACT": "a critical battery: 2 lands",
-    SYS_HAS_GPS: "no GPS receiver is expected indoors",
-    "SYS_HAS_MAG": "no magnetometer is expected indoors",
-}
 WRITES_ACCEPTED = f"{', '.join(SETS)}, or NAME=VALUE as EKF2_EV_CTRL=11"
 _AGAIN_NS = SECOND_NS
 _TRIES = 4
@@ -294,8 +301,9 @@ def parameter_file() -> str:
         "# Parameters, Tools, Load from file. Then restart PX4.",
         "# Vehicle-Id Component-Id Name Value Type",
     ]
-    for name, value in {**SAFE_PARAMETERS, **MOCAP_ONLY}.items():
-        whole = isinstance(value, int)
-        kind = mav.MAV_PARAM_TYPE_INT32 if whole else mav.MAV_PARAM_TYPE_REAL32
-        lines += [f"# {name}: {_REASONS[name]}", f"1\t1\t{name}\t{value}\t{kind}"]
+    for name, value, why, *_ in sorted(
+        (p for p in FLIGHT_PARAMETERS if p.set_by), key=lambda p: [*SETS].index(p.set_by)
+    ):
+        kind = _INT32 if isinstance(value, int) else mav.MAV_PARAM_TYPE_REAL32
+        lines += [f"# {name}: {why}", f"1\t1\t{name}\t{value}\t{kind}"]
     return "\n".join(lines) + "\n"

@@ -6,7 +6,7 @@ No socket and no clock: `step` is one HIL_SENSOR interval; `tombo_px4.hil.lockst
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,9 +16,9 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.time_base import TICK_NS
-from tombo_dynamics.vehicle import GRAVITY, VehicleParams
+from tombo_dynamics.vehicle import GRAVITY, SPIN, VehicleParams
+from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS
 from tombo_px4.frames import PX4_ROTORS, GeoOrigin, enu_from_ned, frd_from_flu, ned_from_enu
-from tombo_px4.hil.link import COMPONENT, SYSTEM
 from tombo_px4.protocol.telemetry import (
     INT16,
     altitude_at,
@@ -27,9 +27,14 @@ from tombo_px4.protocol.telemetry import (
     pressure_at,
     temperature_at,
 )
+from tombo_sim.flight_setup import begin
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
 
+PX4_PORT = 4560
+"""Of PX4 instance 0; instance N asks for this port plus N."""
+SYSTEM, COMPONENT = 1, 200
+"""MAVLink ids that PX4's simulators use."""
 _ROUNDING = 1e-3
 """A control this much outside 0..1 is rounding."""
 
@@ -179,7 +184,9 @@ class MotorCommands(NamedTuple):
     """Commands of PX4: the content of HIL_ACTUATOR_CONTROLS."""
 
     controls: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
+    """Of motors 1 to 4, unchecked."""
     armed: bool = False
+    time_us: int = 0
 
 
 class HilFlight:
@@ -251,3 +258,53 @@ class HilFlight:
             fields = ALL_SENSORS
         inertial = self.sensors.inertial()
         return self._mav.hil_sensor_encode(self.time_us, *inertial, *self._slow, fields, 0)
+
+
+AIRFRAME = {"PX4_SIM_MODEL": "none_iris", "PX4_SYS_AUTOSTART": "10016"}
+_IMAGE = "px4io/px4-sitl:v1.18.0-rc1"
+"""PX4's containers begin with 1.18."""
+_MOST_INSTANCES = 255
+
+
+def airframe_parameters(world: World, seed: int) -> dict[str, float]:
+    """Return the PX4 parameters that describe the Tombo vehicle.
+
+    PX4's iris has its front rotors farther out than the rear ones: untold, yawing would roll.
+    """
+    maps = begin(world, seed).maps
+    parameters = {
+        "MPC_THR_HOVER": round(MotorMapping(world.vehicle, maps).hover, 3),
+        **SAFE_PARAMETERS,
+    }
+    positions = frd_from_flu(world.vehicle.rotor_positions())
+    ratio = float(maps.torque_ratio)
+    for motor, rotor in enumerate(PX4_ROTORS):
+        name = f"CA_ROTOR{motor}_"
+        parameters[name + "PX"] = round(float(positions[rotor, 0]), 3)
+        parameters[name + "PY"] = round(float(positions[rotor, 1]), 3)
+        parameters[name + "KM"] = round(ratio * float(SPIN[rotor]), 3)
+    return parameters
+
+
+def exported(parameters: Mapping[str, float], more: Mapping[str, str] | None = None) -> str:
+    """Return the shell command that puts parameters of PX4, and `more`, into its environment."""
+    settings = [f"{name}={value}" for name, value in (more or {}).items()]
+    settings += [f"PX4_PARAM_{name}={value:g}" for name, value in parameters.items()]
+    lines = [" ".join(settings[i : i + 3]) for i in range(0, len(settings), 3)]
+    return "export " + " \\\n  ".join(lines)
+
+
+def start_commands(port: int, parameters: Mapping[str, float]) -> tuple[str, str, str]:
+    """Return shell commands: what PX4 finds in its environment, then two ways to start it.
+
+    The first starts one built from its sources, the second one in its container. PX4 takes
+    PX4_PARAM_... at its start, and keeps them.
+    """
+    number = port - PX4_PORT
+    instance = f" -i {number}" if 0 < number < _MOST_INSTANCES else ""
+    variables = "$(env | grep -o '^PX4_[A-Z0-9_]*' | sed 's/^/-e /')"
+    return (
+        exported(parameters, AIRFRAME),
+        f"./build/px4_sitl_default/bin/px4{instance}",
+        f"docker run --rm -it --network host {variables} {_IMAGE}{instance}",
+    )

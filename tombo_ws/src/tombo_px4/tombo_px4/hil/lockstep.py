@@ -1,8 +1,9 @@
 """The simulator that a real PX4 flies: Tombo's physics behind PX4's simulator link, in lockstep.
 
-Each HIL_SENSOR waits for the HIL_ACTUATOR_CONTROLS with the same time; `time_usec` is PX4's clock.
+PX4 is the client of a TCP server, one at a time. Each HIL_SENSOR waits for the
+HIL_ACTUATOR_CONTROLS with the same time; `time_usec` is PX4's clock.
 
-    hil = HilSimulator(world, seed=0, link=HilLink(4560))
+    hil = HilSimulator(world, seed=0, port=4560)
     while True:
         if hil.advance(time.monotonic_ns()):        # one step was flown
             ...
@@ -19,8 +20,19 @@ from collections import deque
 from enum import Enum
 from typing import NamedTuple
 
-from tombo_px4.hil.flight import STEP_TICKS, HilFlight, MotorCommands, Watch
-from tombo_px4.hil.link import ActuatorControls, HilLink
+from pymavlink.dialects.v20 import common as mav
+
+from tombo_dynamics.errors import InputError
+from tombo_px4.hil.flight import (
+    COMPONENT,
+    PX4_PORT,
+    STEP_TICKS,
+    SYSTEM,
+    HilFlight,
+    MotorCommands,
+    Watch,
+)
+from tombo_px4.link.mavlink_link import Link
 from tombo_sim.world import World
 
 BOOT_PATIENCE_NS = 5_000_000
@@ -52,6 +64,8 @@ class HilSimulator:
     """Runs one flight after the other, one for each connection of PX4. Never blocks but in `wait`.
 
     Attributes:
+        link: the server's side of PX4's connection.
+        port: the one listened on.
         flight: the present one, or the one that waits for PX4.
         motors: commands of PX4.
         steps: HIL_SENSOR sent in this flight.
@@ -67,35 +81,44 @@ class HilSimulator:
         self,
         world: World,
         seed: int,
-        link: HilLink,
+        port: int = PX4_PORT,
         *,
         speed: float = 1.0,
         gps: bool = True,
         watch: Watch | None = None,
         hand: Watch | None = None,
     ) -> None:
-        """Set the vehicle on the ground.
+        """Listen on this machine, and set the vehicle on the ground.
 
         Args:
             world: what is simulated.
             seed: of all random draws; each flight has the same.
-            link: where PX4 connects; closing it is up to the caller.
+            port: where PX4 connects; 0 takes a free one.
             speed: simulated time against that of `advance`; 0: as fast as possible.
             gps: send HIL_GPS, too.
             watch: called with the simulator at every tick of 1 ms; a new flight has a new one.
             hand: the same, before the samples of the tick are taken: `HandMotion`.
 
         Raises:
-            InputError: as `Simulator`.
+            InputError: the port is taken or not allowed; as `Simulator`.
         """
+        if not 0 <= port <= 65535:
+            raise InputError(f"port {port} is out of bounds; accepted: 0 to 65535")
         self._world, self._seed, self._gps = world, seed, gps
-        self._link = link
         self._watch = watch
         self._hand = hand
         self._period_ns = round(1e6 * STEP_TICKS / speed) if speed > 0.0 else 0
         self._news: deque[Notice] = deque(maxlen=_MAX_NOTICES)
         self.flights = 0
         self._reset_vehicle()
+        # PX4's messages carry the simulation's time: their arrival is not read.
+        url, clock = f"tcpin://127.0.0.1:{port}", lambda: 0
+        self.link = Link(url, system=SYSTEM, component=COMPONENT, clock=clock)
+        self.port = self.link.address[1] if self.link.address else port
+
+    def close(self) -> None:
+        """Close the port."""
+        self.link.close()
 
     def _reset_vehicle(self) -> None:
         """Put a new vehicle on the ground."""
@@ -133,15 +156,15 @@ class HilSimulator:
         Returns:
             whether a step was flown: there may be another one to fly at once.
         """
-        answers = self._link.receive_controls()
-        same = self._link.connected and self._link.opened == self._connection
+        answers = self._receive()
+        same = self.link.connected and self.link.opened == self._connection
         if self._connection and not same:
             self._on_disconnect()
-        if not self._link.connected:
+        if not self.link.connected:
             return False
         if not self._connection:
             self.flights += 1
-            self._connection = self._link.opened
+            self._connection = self.link.opened
             self._due_ns = now_ns
             begins = f"flight {self.flights} begins, at time 0, on the ground"
             self._notify(f"PX4 has connected: {begins}")
@@ -152,12 +175,22 @@ class HilSimulator:
         self._step(now_ns)
         return True
 
+    def _receive(self) -> list[MotorCommands]:
+        """Return the received actuator controls; of another client none that came before."""
+        connections, answers = self.link.opened, []
+        for message in (received.message for received in self.link.receive()):
+            if message.get_msgId() == mav.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
+                armed = bool(message.mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+                controls = tuple(message.controls[:4])
+                answers.append(MotorCommands(controls, armed, int(message.time_usec)))
+        return answers if self.link.opened == connections else []
+
     def wait(self, now_ns: int, longest_s: float) -> None:
         """Sleep until there is something to do, or `longest_s` is over."""
         timeout_s = longest_s
         if self._connection:
             timeout_s = min(1e-9 * (self._next_ns(now_ns) - now_ns), longest_s)
-        self._link.wait(timeout_s)
+        self.link.wait(timeout_s)
 
     def _next_ns(self, now_ns: int) -> int:
         """Return when the next step is flown if nothing more comes."""
@@ -176,7 +209,7 @@ class HilSimulator:
         )
         self._reset_vehicle()
 
-    def _take(self, answer: ActuatorControls) -> None:
+    def _take(self, answer: MotorCommands) -> None:
         if self.steps == 0:  # to a step of a flight that is over
             self.wrong_time += 1
             return
@@ -191,7 +224,7 @@ class HilSimulator:
             return
         if answer.armed != self.motors.armed:
             self._notify("armed" if answer.armed else "disarmed")
-        self.motors = MotorCommands(answer.controls, answer.armed)
+        self.motors = answer
         if self._has_answer:
             return
         self._has_answer = True
@@ -205,7 +238,7 @@ class HilSimulator:
         if not self._has_answer:
             self._handle_missing_answer()
         self._pace(now_ns)
-        self._link.send_frames(self.flight.step(self.motors))
+        self.link.send_frames(self.flight.step(self.motors))
         self._sent_ns = now_ns
         self._has_answer = False
         self.steps += 1

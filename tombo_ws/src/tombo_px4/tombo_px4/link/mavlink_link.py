@@ -24,7 +24,6 @@ from pymavlink.dialects.v20 import common
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.link.link_params import LinkParams
 
 common.MAVLINK_IGNORE_CRC = None  # pymavlink takes it from the environment
 
@@ -103,11 +102,6 @@ class Url(NamedTuple):
     """Numeric IPv4 address, or the device of a serial port."""
     number: int
     """Port of the network, or baud rate of a serial port."""
-
-    @property
-    def address(self) -> Address:
-        """Host and port."""
-        return self.place, self.number
 
 
 def parse_url(text: str, allow_remote: bool) -> Url:
@@ -197,10 +191,10 @@ class _Udp:
                 self._socket.setsockopt(socket.SOL_SOCKET, option, value)
         with closed_on_error(self._socket):
             if self._listens:
-                self._socket.bind(url.address)
+                self._socket.bind(url[1:])
             else:
-                self._socket.connect(url.address)
-        self.peer: Any = None if self._listens else url.address
+                self._socket.connect(url[1:])
+        self.peer: Any = None if self._listens else url[1:]
         self.address: Address | None = self._socket.getsockname()
 
     @property
@@ -262,7 +256,7 @@ class _Stream:
 
     def __init__(self, url: Url, clock: Clock) -> None:
         self.opened = 0
-        self.peer: Any = url.address
+        self.peer: Any = url[1:]
         self._url, self._clock = url, clock
         self._watch = select.epoll()  # one descriptor, whichever file is open
         self._file: Any = None
@@ -275,9 +269,10 @@ class _Stream:
         if self._url.kind == "serial":
             self._take(_open_serial(self._url))
             return
-        client = _tcp_socket()
+        client = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        client.setblocking(False)
         # It connects in the background: reading meets a refusal, what is written waits.
-        result = client.connect_ex(self._url.address)
+        result = client.connect_ex(self._url[1:])
         if result in (0, errno.EINPROGRESS):
             self._take(client)
             return
@@ -306,7 +301,7 @@ class _Stream:
         except OSError:
             data = b""
         if not data:
-            self.lose()
+            self._lose()
             return None
         return _Packet(data, self._clock(), self.peer)
 
@@ -321,15 +316,14 @@ class _Stream:
         self._flush()
         return "" if self.connected else "send_failed"
 
-    def lose(self) -> None:
-        """Close the file."""
+    def _lose(self) -> None:
         if self._file is not None:
             self._file.close()
             self._file = None
         self._unsent.clear()
 
     def close(self) -> None:
-        self.lose()
+        self._lose()
         self._watch.close()
 
     def _open_again(self) -> None:
@@ -340,6 +334,8 @@ class _Stream:
                 self._begin()
 
     def _take(self, file: Any) -> None:
+        if isinstance(file, socket.socket):  # bytes are not gathered before they leave
+            file.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._watch.register(file.fileno(), select.EPOLLIN)
         self._file = file
         self.opened += 1
@@ -352,7 +348,7 @@ class _Stream:
         except BlockingIOError:
             pass
         except OSError:
-            self.lose()
+            self._lose()
 
 
 class _TcpServer(_Stream):
@@ -360,14 +356,10 @@ class _TcpServer(_Stream):
 
     def __init__(self, url: Url, clock: Clock, counters: Counters) -> None:
         self._counters = counters
-        self._listener = _tcp_socket()
-        with closed_on_error(self._listener):
-            # A server that comes back finds its port although old connections still linger.
-            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            self._listener.bind(url.address)
-            self._listener.listen()
-        super().__init__(url, clock)
+        self._listener = socket.create_server(url[1:])
+        self._listener.setblocking(False)
         self.address = self._listener.getsockname()
+        super().__init__(url, clock)
 
     def _begin(self) -> None:
         self._watch.register(self._listener.fileno(), select.EPOLLIN)
@@ -423,14 +415,6 @@ def _open_serial(url: Url) -> Any:
         termios.tcsetattr(port, termios.TCSANOW, mode)
         termios.tcflush(port, termios.TCIOFLUSH)
     return port
-
-
-def _tcp_socket() -> socket.socket:
-    """Return a socket that neither blocks nor gathers bytes; accepted ones inherit the latter."""
-    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    sock.setblocking(False)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return sock
 
 
 def open_transport(
@@ -659,7 +643,7 @@ class Link:
         self._transport = open_transport(url, clock, self.counters, allow_remote)
         self._opened = 0
         if peer is not None:
-            self._transport.peer = peer.address
+            self._transport.peer = peer[1:]
 
     @property
     def connected(self) -> bool:
@@ -733,49 +717,3 @@ class Link:
         if not self._closed:
             self._closed = True
             self._transport.close()
-
-
-_REFUSED = {
-    "unsigned": "messages without a signature were left out: link.key_file is set here, but the "
-    "other side does not sign",
-    "bad_signature": "messages are signed with another key: compare link.key_file with the "
-    "vehicle's key",
-}
-"""Counter → fault."""
-
-
-def link_faults(link: Link, params: LinkParams, linked: bool) -> dict[str, str]:
-    """Return key -> fault of the link, with cause and remedy.
-
-    Args:
-        link: what came, went and was refused.
-        params: whom we wait for.
-        linked: the vehicle is heard.
-    """
-    faults: dict[str, str] = {}
-    counters, rejected_sender = link.counters, link.mav.rejected_sender
-    if link.pack_error:
-        faults["unsendable"] = link.pack_error
-    if linked:
-        return faults
-    if rejected_sender is not None:
-        system, component = rejected_sender
-        if system != params.system:
-            faults["wrong_system"] = (
-                f"system {system} speaks here, waiting for {params.system}: set "
-                "link.system, or the vehicle's MAV_SYS_ID"
-            )
-        else:
-            faults["wrong_component"] = (
-                f"component {component} of system {system} speaks here, "
-                f"waiting for {params.component}: set link.component"
-            )
-    for key, text in _REFUSED.items():
-        if counters[key]:
-            faults[key] = f"{counters[key]} {text}"
-    if not counters["received"] and counters["garbage_bytes"] > 1000:
-        faults["garbage"] = (
-            f"{counters['garbage_bytes']} bytes came that are no MAVLink: baud rate, or another"
-            " program on this port"
-        )
-    return faults

@@ -16,6 +16,16 @@ from __future__ import annotations
 
 from collections import deque
 
+
+def answer_request(ts1: int, received_ns: int, now_ns: int) -> tuple[int, int]:
+    """Return (tc1, ts1) that answer a request with the time `ts1`.
+
+    The time in it is the middle between arrival and departure of the answer, so that a request
+    that has waited for us biases nothing.
+    """
+    return (received_ns + now_ns) // 2, ts1
+
+
 CONVERGED = 10
 """Answers after which stamps may be converted."""
 
@@ -67,20 +77,6 @@ class TimeSync:
         """Return (tc1, ts1) of a request that leaves now."""
         self._pending.append(now_ns)
         return 0, now_ns
-
-    def answer(self, tc1: int, ts1: int, received_ns: int, now_ns: int) -> tuple[int, int] | None:
-        """Return (tc1, ts1) that answer their request; None if it is none.
-
-        Args:
-            tc1: as received; 0 in a request.
-            ts1: as received.
-            received_ns: when it arrived, our clock.
-            now_ns: when the answer leaves. The time in it is the middle between the two, so that
-                a request that has waited for us biases nothing.
-        """
-        if tc1 != 0:
-            return None
-        return (received_ns + now_ns) // 2, ts1
 
     def reply(self, tc1: int, ts1: int, received_ns: int) -> None:
         """Take their answer to one of our requests; anything else is counted and changes nothing.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import select
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,19 +16,19 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.frames import GeoOrigin
-from tombo_px4.link.decoded_messages import Result, Severity
 from tombo_px4.link.mavlink_link import Link, Received
-from tombo_px4.protocol.channel import MavlinkChannel
-from tombo_px4.protocol.inputs import decode_setpoint, decode_vision
+from tombo_px4.link.timesync import TimeSync, answer_request
+from tombo_px4.modes import Result, Severity
 from tombo_px4.protocol.requests import (
     CommandServer,
     ParameterServer,
     ReceivedCommand,
     command_of,
+    decode_setpoint,
+    decode_vision,
     whole,
 )
 from tombo_px4.protocol.telemetry import STREAMS, VehicleView
-from tombo_px4.protocol.words import Announcer
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -39,6 +40,99 @@ _MOST_MESSAGES = 100
 _METADATA = (395, 396, 397)
 """COMPONENT_INFORMATION, _BASIC, COMPONENT_METADATA: not there at all."""
 _EVERYBODY, _NO_PROGRESS = 0, 255
+PIECE = 50
+"""Bytes of text that a message carries."""
+_MOST_PIECES, _MOST_UNREAD = 6, 256
+
+
+_SHORTEST_US = 4_000
+"""As fast as PX4 publishes its state: 250 Hz."""
+_STAGGER_US = 1_000
+_TIMESYNC_NS = 100_000_000
+_STATION_US = 2_500_000
+"""A ground station that has been silent for so long has gone."""
+
+
+class MavlinkChannel:
+    """A link. Time is the vehicle's, since boot."""
+
+    def __init__(self, link: Link, stream_set: str, boot_us: int) -> None:
+        """Begin with the streams of a set.
+
+        Args:
+            link: over which all goes.
+            stream_set: `onboard` or `ground`.
+            boot_us: time now.
+        """
+        self.link = link
+        self.onboard = stream_set == "onboard"
+        self.timesync = TimeSync()
+        rates = {n: s.onboard_hz if self.onboard else s.ground_hz for n, s in STREAMS.items()}
+        self._default = {number: round(1e6 / rate) for number, rate in rates.items() if rate}
+        self._interval = dict(self._default)
+        self._due = {number: boot_us + i * _STAGGER_US for i, number in enumerate(self._interval)}
+        self._next_request_ns = 0
+        self._station_us = -_STATION_US
+
+    def take_due(self, boot_us: int) -> list[int]:
+        """Return the messages that are due now; what was missed is not made up for."""
+        numbers = [number for number, due in self._due.items() if due <= boot_us]
+        for number in numbers:
+            due, interval = self._due[number], self._interval[number]
+            self._due[number] = (due if due + interval > boot_us else boot_us) + interval
+        return numbers
+
+    def set_interval(self, number: int, interval_us: float, boot_us: int) -> bool:
+        """Change how often a message is sent.
+
+        Args:
+            number: of the message.
+            interval_us: time between two; 0: the default of the link, below 0: never.
+            boot_us: time now.
+
+        Returns:
+            False: there is no such message, or it is HEARTBEAT, which nobody may change.
+        """
+        if number not in STREAMS or number == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            return False
+        wanted = self._default.get(number, 0) if interval_us == 0.0 else 0
+        if interval_us > 0.0:
+            wanted = round(min(max(interval_us, _SHORTEST_US), 1e12))
+        if wanted:
+            self._interval[number] = wanted
+            self._due[number] = min(self._due.get(number, boot_us), boot_us + wanted)
+        else:
+            self._due.pop(number, None)
+        return True
+
+    def hear_station(self, boot_us: int) -> None:
+        """Record the heartbeat of a ground station."""
+        self._station_us = boot_us
+
+    def hears_station(self, boot_us: int) -> bool:
+        """Return whether a ground station is there: without one PX4 sends no texts."""
+        return boot_us - self._station_us < _STATION_US
+
+    def request_timesync(self, boot_ns: int) -> None:
+        """Send a TIMESYNC request if it is time."""
+        if self.onboard and boot_ns >= self._next_request_ns:
+            self._next_request_ns = boot_ns + _TIMESYNC_NS
+            self.link.send(mavlink.MAVLink_timesync_message(*self.timesync.request(boot_ns)))
+
+    def take_timesync(self, message: Any, peer: Any, arrival_ns: int, boot_ns: int) -> None:
+        """Take a TIMESYNC; answer it if it is a request.
+
+        Args:
+            message: as it came.
+            peer: where it came from.
+            arrival_ns: when it came, since boot.
+            boot_ns: now.
+        """
+        if message.tc1 != 0:
+            self.timesync.reply(message.tc1, message.ts1, arrival_ns)
+            return
+        answer = answer_request(message.ts1, arrival_ns, boot_ns)
+        self.link.send(mavlink.MAVLink_timesync_message(*answer), peer)
 
 
 class RoutedMessage(NamedTuple):
@@ -67,7 +161,12 @@ class Endpoint:
         self.vehicle = vehicle
         self.origin = GeoOrigin()
         self.channels = [MavlinkChannel(link, streams, vehicle.boot_us) for link, streams in links]
-        self.announcer = Announcer(self.channels)
+        self.refused: Counter[str] = Counter()
+        """How often something was refused, by reason."""
+        self.sent_texts: list[tuple[int, str]] = []
+        """Severity and text of all sent texts; the reader empties the list."""
+        self._texts = -1
+        """Number of the last text. PX4 counts from 0."""
         self.heard_systems: dict[tuple[int, int], int] = {}
         """System and component of all senders, and when the last message came [us since boot]."""
         self._commands = CommandServer(vehicle, self.origin)
@@ -80,7 +179,7 @@ class Endpoint:
             "HEARTBEAT": (self._heartbeat, False),
             "COMMAND_LONG": (self._command, True),
             "COMMAND_INT": (self._command, True),
-            "PARAM_REQUEST_LIST": (self._parameter_list, True),
+            "PARAM_REQUEST_LIST": (self._parameter_read, True),
             "PARAM_REQUEST_READ": (self._parameter_read, True),
             "PARAM_SET": (self._parameter_set, True),
             "VISION_POSITION_ESTIMATE": (self._vision, False),
@@ -106,11 +205,23 @@ class Endpoint:
         self._fly(boot_ns)
         for routed in received:
             self._take(routed)
-        self._report_changes()
+        self._say_texts()
 
     def say(self, severity: int, text: str) -> None:
-        """Send a text on all links that does not come from the vehicle."""
-        self.announcer.say(severity, text, self.vehicle.boot_us)
+        """Send a text, in pieces if it is long, where a ground station is heard.
+
+        What is not ASCII becomes `?`.
+        """
+        if len(self.sent_texts) < _MOST_UNREAD:
+            self.sent_texts.append((severity, text))
+        self._texts = (self._texts + 1) % 65536
+        data = text.encode("ascii", "replace")[: _MOST_PIECES * PIECE]
+        # like PX4's, a text that fills its last piece has no other one that would end it
+        for i, first in enumerate(range(0, max(len(data), 1), PIECE)):
+            content = (severity, data[first : first + PIECE], self._texts, i)
+            for channel in self.channels:
+                if channel.hears_station(self.vehicle.boot_us):
+                    channel.link.send(mavlink.MAVLink_statustext_message(*content))
 
     def message(self, number: int) -> Any | None:
         """Return a message about the present tick; None: there is none, or no value."""
@@ -142,7 +253,7 @@ class Endpoint:
                 break
             vehicle.step()
 
-    def _report_changes(self) -> None:
+    def _say_texts(self) -> None:
         """Send the vehicle's texts. A new mode waits for the next HEARTBEAT, as in PX4."""
         for severity, text in self.vehicle.take_status_texts():
             self.say(severity, text)
@@ -171,7 +282,7 @@ class Endpoint:
         return message.target_system in systems and target in (_EVERYBODY, component)
 
     def _refuse(self, reason: str) -> None:
-        self.announcer.refused[reason] += 1
+        self.refused[reason] += 1
 
     def _heartbeat(self, routed: RoutedMessage) -> None:
         if routed.received.message.type == mavlink.MAV_TYPE_GCS:
@@ -188,8 +299,7 @@ class Endpoint:
             results = [self._run_checks()]
         else:
             results = self._commands.execute(command)
-        for severity, text in self.vehicle.take_status_texts():
-            self.say(severity, text)
+        self._say_texts()
         sender = (routed.received.system, routed.received.component)
         for result in results:
             content = (number, int(result), _NO_PROGRESS, 0)
@@ -217,7 +327,7 @@ class Endpoint:
     def _run_checks(self) -> Result:
         if self.vehicle.armed:
             return Result.TEMPORARILY_REJECTED
-        for problem in self.vehicle.health.problems:
+        for problem in self.vehicle.problems:
             self.say(Severity.CRITICAL, f"Preflight Fail: {problem}")
         return Result.ACCEPTED
 
@@ -227,24 +337,20 @@ class Endpoint:
         content = (received.system, received.component, 0, received.message.mission_type)
         routed.answer(mavlink.MAVLink_mission_count_message(*content))
 
-    def _parameter_list(self, routed: RoutedMessage) -> None:
-        for value in self._parameters.values():
-            routed.answer(value)
-
     def _parameter_read(self, routed: RoutedMessage) -> None:
-        value = self._parameters.answer_read(routed.received.message)
-        if value is not None:
+        for value in self._parameters.answers(routed.received.message):
             routed.answer(value)
 
     def _parameter_set(self, routed: RoutedMessage) -> None:
-        value, ignored = self._parameters.answer_set(routed.received.message)
+        message = routed.received.message
+        ignored = self._parameters.refuse_set(message)
         if ignored:
             self._refuse(f"PARAM_SET not answered: {ignored}")
-            return
-        routed.answer(value)
-        for other in self.channels:  # everybody's copy has to stay right
-            if other is not routed.channel:
-                other.link.send(value)
+        for value in self._parameters.value(message.param_id) if not ignored else ():
+            routed.answer(value)
+            for other in self.channels:  # everybody's copy has to stay right
+                if other is not routed.channel:
+                    other.link.send(value)
 
     def _vision(self, routed: RoutedMessage) -> None:
         message, timesync = routed.received.message, routed.channel.timesync

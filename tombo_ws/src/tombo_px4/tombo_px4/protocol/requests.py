@@ -1,22 +1,32 @@
-"""What clients ask for: commands (COMMAND_LONG, COMMAND_INT) and parameters, as PX4 serves them.
+"""What clients ask for: commands, parameters, set points and external poses, as PX4 takes them.
 
-Whole parameters travel as the bytes of a float.
+Whole parameters travel as the bytes of a float. PX4 1.17 sends poses of a motion capture
+(ATT_POS_MOCAP, ODOMETRY with the type MOCAP) to a topic that its estimator does not read. The
+same here: they are refused by that name.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from tombo_dynamics.arrays import Array
 from tombo_px4 import modes
-from tombo_px4.frames import GeoOrigin, ros_yaw
-from tombo_px4.link.decoded_messages import FORCE_ARMING, Result
-from tombo_px4.modes import Mode
+from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint, finite_or_nan
+from tombo_px4.frames import (
+    GeoOrigin,
+    enu_from_ned,
+    flu_from_frd,
+    quaternion_of_angles,
+    ros_quaternion,
+    ros_yaw,
+)
+from tombo_px4.modes import FORCE_ARMING, Mode, Result
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.parameters import ParameterTable
@@ -64,8 +74,12 @@ class CommandServer:
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
-            mavlink.MAV_CMD_NAV_LAND: self._land,
-            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: self._return,
+            mavlink.MAV_CMD_NAV_LAND: lambda _: vehicle.set_mode(
+                modes.AUTO_LAND, "Landing at current position"
+            ),
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _: vehicle.set_mode(
+                modes.AUTO_RTL, "Returning to launch"
+            ),
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
         }
 
@@ -94,12 +108,6 @@ class CommandServer:
             return Result.ACCEPTED  # as PX4 says, too, where it changes nothing
         sub = sub if sub is not None and 0 <= sub < 256 else 0
         return self._vehicle.set_mode(Mode(main, sub if main == modes.AUTO_HOLD.main else 0))
-
-    def _land(self, command: ReceivedCommand) -> Result:
-        return self._vehicle.set_mode(modes.AUTO_LAND, "Landing at current position")
-
-    def _return(self, command: ReceivedCommand) -> Result:
-        return self._vehicle.set_mode(modes.AUTO_RTL, "Returning to launch")
 
     def _take_off(self, command: ReceivedCommand) -> Result:
         if command.frame not in _GLOBAL_FRAMES:
@@ -135,41 +143,113 @@ class ParameterServer:
         self._table = table
         self._names = sorted(table.names)
 
-    def value(self, name: str) -> Any | None:
-        """Return PARAM_VALUE of a parameter; None: there is no such one, and PX4 is silent."""
+    def value(self, name: str) -> list[Any]:
+        """Return PARAM_VALUE of a parameter; nothing if there is none: PX4 is silent."""
         if name not in self._names:
-            return None
-        kind, value = self._table.type_of(name), self._table.stored(name)
+            return []
+        kind, value = self._table.type_of(name), self._table.stored[name]
         if kind == "int32":
             value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
         index, count = self._names.index(name), len(self._names)
         content = (name.encode(), value, _TYPES[kind], count, index)
-        return mavlink.MAVLink_param_value_message(*content)
+        return [mavlink.MAVLink_param_value_message(*content)]
 
-    def answer_read(self, message: Any) -> Any | None:
-        """Return PARAM_VALUE for PARAM_REQUEST_READ, by name or by index."""
+    def answers(self, message: Any) -> list[Any]:
+        """Return PARAM_VALUE for PARAM_REQUEST_LIST, or _READ by name or by index."""
+        if message.get_type() == "PARAM_REQUEST_LIST":
+            return [value for name in self._names for value in self.value(name)]
         index = message.param_index
-        if index < 0:
-            return self.value(message.param_id)
-        return self.value(self._names[index]) if index < len(self._names) else None
+        name = message.param_id if index < 0 else "".join(self._names[index : index + 1])
+        return self.value(name)
 
-    def answer_set(self, message: Any) -> tuple[Any, str]:
-        """Carry out PARAM_SET, as PX4 does: out of bounds is taken, too.
-
-        Returns:
-            PARAM_VALUE that stands now, for everybody, and ""; None where PX4 is silent, and why.
-        """
+    def refuse_set(self, message: Any) -> str:
+        """Carry out PARAM_SET, as PX4 does: out of bounds is taken, too; "" or why it is not."""
         name, value = message.param_id, message.param_value
         if name not in self._names:
-            return None, f"{name} is unknown"
+            return f"{name} is unknown"
         kind = self._table.type_of(name)
         if message.param_type != _TYPES[kind]:
-            return None, f"{name} is {kind}"
+            return f"{name} is {kind}"
         if kind == "int32":
             value = struct.unpack("<i", struct.pack("<f", value))[0]
         self._table.store(name, value)
-        return self.value(name), ""
+        return ""
 
-    def values(self) -> list[Any]:
-        """Return PARAM_VALUE of all parameters."""
-        return [self.value(name) for name in self._names]
+
+_NO_YAW = mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
+_NO_THRUST = mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
+_NO_ATTITUDE = mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
+NOT_FUSED = "is not fused: PX4 takes the estimator type VISION"
+_WORLD_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_FRD)
+_BODY_FRAMES = (
+    mavlink.MAV_FRAME_BODY_FRD,
+    mavlink.MAV_FRAME_BODY_NED,
+    mavlink.MAV_FRAME_LOCAL_NED,
+)
+"""Only the velocity is given in the child frame, and it is not used."""
+
+
+def decode_setpoint(message: Any) -> OffboardSetpoint | str:
+    """Return the set point of a message, its values unchecked, or why it is refused.
+
+    Args:
+        message: SET_POSITION_TARGET_LOCAL_NED or SET_ATTITUDE_TARGET.
+    """
+    m, mask = message, message.type_mask
+    if m.get_type() == "SET_ATTITUDE_TARGET":
+        rates = _masked((m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate), mask)
+        return OffboardSetpoint(
+            attitude=None if mask & _NO_ATTITUDE else _rotation(m.q),
+            rates=flu_from_frd(rates),
+            thrust=math.nan if mask & _NO_THRUST else float(m.thrust),
+        )
+    if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
+        return f"coordinate frame {m.coordinate_frame} unsupported"
+    return OffboardSetpoint(
+        enu_from_ned(_masked((m.x, m.y, m.z), mask)),
+        enu_from_ned(_masked((m.vx, m.vy, m.vz), mask >> 3)),
+        enu_from_ned(_masked((m.afx, m.afy, m.afz), mask >> 6)),
+        ros_yaw(math.nan if mask & _NO_YAW else finite_or_nan(m.yaw)),
+    )
+
+
+def _masked(values: Sequence[float], mask: int) -> Array:
+    """Return three axes, NaN where a bit of the mask says ignore."""
+    return np.array([math.nan if mask & 1 << i else float(v) for i, v in enumerate(values)])
+
+
+class VisionPose(NamedTuple):
+    """A pose from outside."""
+
+    stamp_us: int
+    """As it came: in the sender's clock; 0: none was given."""
+    position: Array
+    """(3) of base_link in map [m]."""
+    attitude: Array
+    """(4) xyzw, map from base_link, as long as it came."""
+
+
+def decode_vision(message: Any) -> VisionPose | str:
+    """Return the pose of a message, its values unchecked, or why it is refused."""
+    m, kind = message, message.get_type()
+    if kind == "ODOMETRY":
+        if m.estimator_type == mavlink.MAV_ESTIMATOR_TYPE_MOCAP:
+            return f"with the type MOCAP {NOT_FUSED}"
+        if m.frame_id not in _WORLD_FRAMES:
+            return f"frame {m.frame_id} unsupported, LOCAL_NED and LOCAL_FRD are"
+        if m.child_frame_id not in _BODY_FRAMES:
+            return f"child frame {m.child_frame_id} unsupported, BODY_FRD is"
+        stamp_us, attitude = m.time_usec, m.q
+    elif kind == "VISION_POSITION_ESTIMATE":
+        stamp_us = m.usec
+        attitude = quaternion_of_angles(*map(finite_or_nan, (m.roll, m.pitch, m.yaw)))
+    else:
+        return NOT_FUSED
+    return VisionPose(stamp_us, enu_from_ned((m.x, m.y, m.z)), _rotation(attitude))
+
+
+def _rotation(wxyz: Sequence[float]) -> Array:
+    """Return an attitude (4) xyzw, map from base_link; NaN for one that is not finite."""
+    if not all(math.isfinite(q) for q in wxyz):
+        return np.full(4, math.nan)
+    return ros_quaternion(wxyz)

@@ -10,20 +10,19 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from tombo_dynamics.rotation import conjugate, rotate_vector
+from tombo_dynamics.rotation import conjugate, rotate_vector, yaw_pitch_roll
 from tombo_px4.frames import (
     UPPER_DIAGONAL,
     GeoOrigin,
     enu_from_ned,
-    euler,
     frd_from_flu,
     ned_from_enu,
     px4_quaternion,
 )
-from tombo_px4.link.decoded_messages import MavLandedState
-from tombo_px4.modes import custom_mode
+from tombo_px4.modes import MavLandedState, custom_mode
 
 if TYPE_CHECKING:
     from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -83,13 +82,13 @@ class VehicleView:
         estimate = vehicle.estimate
         self.vehicle = vehicle
         self.origin = origin
-        self.health = vehicle.health
+        self.known = vehicle.situation
         self.boot_us = vehicle.boot_us
         self.boot_ms = vehicle.boot_us // 1000 % 2**32
         self.position: list[float] = ned_from_enu(estimate.position).tolist()
         self.velocity: list[float] = ned_from_enu(estimate.velocity).tolist()
         self.attitude: list[float] = px4_quaternion(estimate.attitude).tolist()
-        self.angles = euler(self.attitude)
+        self.angles = yaw_pitch_roll(np.roll(self.attitude, -1))[::-1].tolist()
         self.rates: list[float] = frd_from_flu(estimate.rates).tolist()
         self.heading_deg = math.degrees(self.angles[2]) % 360.0
         self.height = float(estimate.position[2])
@@ -129,8 +128,7 @@ def _heartbeat(view: VehicleView) -> Fields:
     vehicle = view.vehicle
     state = mavlink.MAV_STATE_CRITICAL if vehicle.failsafe else mavlink.MAV_STATE_ACTIVE
     if not vehicle.armed:
-        armable = view.health.armable
-        state = mavlink.MAV_STATE_STANDBY if armable else mavlink.MAV_STATE_UNINIT
+        state = mavlink.MAV_STATE_UNINIT if vehicle.problems else mavlink.MAV_STATE_STANDBY
     armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if vehicle.armed else 0
     return (
         mavlink.MAV_TYPE_QUADROTOR,
@@ -143,23 +141,23 @@ def _heartbeat(view: VehicleView) -> Fields:
 
 
 def _system_status(view: VehicleView) -> Fields:
-    vehicle, health, battery = view.vehicle, view.health, view.vehicle.battery
+    vehicle, known, battery = view.vehicle, view.known, view.vehicle.battery
     get = vehicle.parameters.get
     sensors = {
         mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO: True,
         mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL: True,
-        mavlink.MAV_SYS_STATUS_AHRS: health.attitude,
+        mavlink.MAV_SYS_STATUS_AHRS: known.attitude,
         mavlink.MAV_SYS_STATUS_SENSOR_BATTERY: battery.warning < 2,
-        mavlink.MAV_SYS_STATUS_PREARM_CHECK: health.armable,
+        mavlink.MAV_SYS_STATUS_PREARM_CHECK: not vehicle.problems,
     }
     if get("SYS_HAS_MAG"):
         sensors[mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG] = True
     if get("SYS_HAS_BARO"):
         sensors[mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE] = True
     if get("SYS_HAS_GPS"):
-        sensors[mavlink.MAV_SYS_STATUS_SENSOR_GPS] = health.global_position
+        sensors[mavlink.MAV_SYS_STATUS_SENSOR_GPS] = known.global_position
     if vehicle.ekf2_model.source == "vision":
-        sensors[mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION] = health.local_position
+        sensors[mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION] = known.local_position
     return (
         sum(sensors),
         sum(sensors),
@@ -191,12 +189,12 @@ def _battery_status(view: VehicleView) -> Fields:
 
 
 def _local_position(view: VehicleView) -> Fields:
-    known = view.health.local_position
+    known = view.known.local_position
     return (view.boot_ms, *view.position, *view.velocity) if known else None
 
 
 def _global_position(view: VehicleView) -> Fields:
-    if not view.health.global_position:
+    if not view.known.global_position:
         return None
     return (
         view.boot_ms,
@@ -209,7 +207,7 @@ def _global_position(view: VehicleView) -> Fields:
 
 def _odometry(view: VehicleView) -> Fields:
     """Return ODOMETRY; its covariances have a diagonal alone, as PX4's."""
-    if not view.health.local_position:
+    if not view.known.local_position:
         return None
     place, speed = view.vehicle.ekf2_model.variances(view.vehicle.tick)
     pose, motion = 21 * [_NAN], 21 * [_NAN]
@@ -245,7 +243,7 @@ def _vfr_hud(view: VehicleView) -> Fields:
 
 
 def _home_position(view: VehicleView) -> Fields:
-    if not view.health.local_position:
+    if not view.known.local_position:
         return None
     home = view.vehicle.home
     place, local = globe_fields(view.origin.global_of(home)), ned_from_enu(home).tolist()
@@ -260,9 +258,9 @@ def _attitude_target(view: VehicleView) -> Fields:
 
 
 def _estimator_status(view: VehicleView) -> Fields:
-    health = view.health
-    flags = mavlink.ESTIMATOR_ATTITUDE if health.attitude else 0
-    if health.local_position:
+    known = view.known
+    flags = mavlink.ESTIMATOR_ATTITUDE if known.attitude else 0
+    if known.local_position:
         flags |= (
             mavlink.ESTIMATOR_VELOCITY_HORIZ
             | mavlink.ESTIMATOR_VELOCITY_VERT
@@ -270,12 +268,12 @@ def _estimator_status(view: VehicleView) -> Fields:
             | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
             | mavlink.ESTIMATOR_POS_VERT_ABS
         )
-    if not health.local_position or view.vehicle.landed == MavLandedState.ON_GROUND:
+    if not known.local_position or view.vehicle.landed == MavLandedState.ON_GROUND:
         flags |= mavlink.ESTIMATOR_CONST_POS_MODE  # PX4 sets it at rest as well
-    if health.global_position:
+    if known.global_position:
         flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
     deviation = math.sqrt(view.vehicle.ekf2_model.variances(view.vehicle.tick)[0])
-    fused = 0.0 if health.local_position else _NAN  # no source, no ratio
+    fused = 0.0 if known.local_position else _NAN  # no source, no ratio
     ratios = (_NAN, fused, fused, _NAN, _NAN, _NAN)
     return (view.boot_us, flags, *ratios, math.sqrt(2.0) * deviation, deviation)
 

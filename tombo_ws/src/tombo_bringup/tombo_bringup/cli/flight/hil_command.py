@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import typer
@@ -48,7 +49,6 @@ def hil(
     from tombo_dynamics.errors import InputError
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import load_scenario, world_of
-    from tombo_px4.hil.link import HilLink
     from tombo_px4.hil.lockstep import HilSimulator
 
     speed, seed = 1.0 if pace.speed is None else pace.speed, draw.seed or 0
@@ -56,22 +56,20 @@ def hil(
         raise InputError(f"--speed {speed:g}: out of bounds; accepted: a number from 0 to 100")
     scenario = scene.scenario
     world = world_of(load_scenario(scenario, settings.settings or []))
-    link = HilLink(given.port)
-    try:
-        with StopSignals(signal.SIGHUP) as stop:
-            one = HilSimulator(world, seed, link, speed=speed)
-            print(_introduction(one, world, link.port, scenario, seed), flush=True)
-            _serve(one, stop, duration.duration)
-    finally:
-        link.close()
+    with (
+        StopSignals(signal.SIGHUP) as stop,
+        closing(HilSimulator(world, seed, given.port, speed=speed)) as one,
+    ):
+        print(_introduction(world, one.port, scenario, seed), flush=True)
+        _serve(one, stop, duration.duration)
 
 
-def _introduction(one: HilSimulator, world: World, port: int, scenario: str, seed: int) -> str:
+def _introduction(world: World, port: int, scenario: str, seed: int) -> str:
     """Return the text at the start: the simulator, and the commands that start PX4."""
     from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
-    from tombo_px4.hil.hil_start_help import airframe_parameters, exported, start_commands
+    from tombo_px4.hil.flight import airframe_parameters, exported, start_commands
 
-    settings, built, container = start_commands(port, airframe_parameters(world, one.flight))
+    settings, built, container = start_commands(port, airframe_parameters(world, seed))
     lines = [
         f"{scenario}, seed {seed}: waiting for PX4 on TCP port {port} of 127.0.0.1. Start it with",
         "",

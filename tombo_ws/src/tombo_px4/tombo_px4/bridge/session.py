@@ -11,22 +11,260 @@ a mode that somebody has chosen.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.bridge_records import (
-    BridgeOutput,
-    CommandTransaction,
-    OperatorRequest,
-    RecentStatusTexts,
-    Reply,
-    SessionInput,
-    SessionStage,
-    SetpointSource,
-    VehicleCommand,
+from tombo_px4.bridge.axes_proof import AxesEvidence
+from tombo_px4.link import messages
+from tombo_px4.link.messages import (
+    BatteryReading,
+    CommandAck,
+    Heartbeat,
+    MessageTarget,
+    StatusText,
+    VehicleImu,
+    VehicleOdometry,
 )
-from tombo_px4.link.decoded_messages import CommandAck, MavLandedState
-from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, Mode, mode_name
+from tombo_px4.modes import (
+    AUTO_HOLD,
+    AUTO_LAND,
+    AUTO_TAKEOFF,
+    OFFBOARD,
+    MavLandedState,
+    Mode,
+    Result,
+    Severity,
+    mode_name,
+)
+
+CONFIRM_NS = 2 * SECOND_NS
+"""Longest wait for the heartbeat (1 Hz) that confirms a command."""
+PAUSE_NS = SECOND_NS
+"""Pause between a refusal and the next attempt; PX4 sends its explanation meanwhile."""
+
+
+@dataclass(frozen=True)
+class VehicleCommand:
+    """A mode, or armed or not: one of the two is set."""
+
+    mode: Mode | None = None
+    armed: bool | None = None
+    force: bool = False
+    """Disarms in the air, too."""
+
+    @property
+    def command(self) -> int:
+        """Number of the MAVLink command."""
+        by_mode = self.mode is not None
+        return int(mav.MAV_CMD_DO_SET_MODE if by_mode else mav.MAV_CMD_COMPONENT_ARM_DISARM)
+
+    def message(self, target: MessageTarget) -> Any:
+        """Return it as a MAVLink message."""
+        if self.mode is not None:
+            return messages.set_mode(target, self.mode)
+        return messages.arm(target, bool(self.armed), self.force)
+
+    def confirmed_by(self, heartbeat: Heartbeat) -> bool:
+        """Return whether the heartbeat shows the commanded state."""
+        if self.mode is not None:
+            return heartbeat.mode == self.mode
+        return heartbeat.armed == self.armed
+
+    def __str__(self) -> str:
+        if self.mode is not None:
+            return f"mode {mode_name(self.mode)}"
+        return "arming" if self.armed else "disarming" + (" by force" if self.force else "")
+
+
+class SessionStage(Enum):
+    """State of the session with the vehicle."""
+
+    WAITING = "waiting for the vehicle"
+    READY = "ready"
+    ENTERING_OFFBOARD = "entering offboard"
+    ARMING = "arming"
+    FLYING = "offboard"
+    LANDING = "landing"
+    EXTERNAL_MODE = "mode set by another station"
+    GIVEN_UP = "given up"
+    LINK_LOST = "link lost"
+
+
+class SetpointSource(Enum):
+    """Which set point is sent."""
+
+    PRESENT = "present"
+    """The position that PX4 reports."""
+    HOLD = "hold"
+    """Where it was when this began."""
+    SETPOINT = "setpoint"
+    LEVEL_DESCENT = "level descent"
+    """Attitude and thrust, by gyro and accelerometer: where the poses are wrong."""
+    NONE = "none"
+    """Nothing is sent: PX4 must not return to OFFBOARD."""
+
+
+class OperatorRequest(NamedTuple):
+    """A request of an operator, a key of `_COMMANDS`."""
+
+    number: int
+    kind: str
+
+
+class Reply(NamedTuple):
+    """The answer to a request, once it is known."""
+
+    number: int
+    success: bool
+    text: str
+
+
+class SessionInput(NamedTuple):
+    """Inputs of one tick."""
+
+    now_ns: int
+    heartbeat: Heartbeat | None
+    """The last one; None: none ever came."""
+    landed: MavLandedState
+    phase: int
+    """Of the mission; IDLE without one."""
+    fresh: bool
+    """A set point came lately."""
+    streaming: bool
+    """There is a position to stream."""
+    blockers: tuple[str, ...]
+    """Why arming is not allowed, as texts."""
+    must_land: str = ""
+    """Why the flight must end now, as a text."""
+    takeoff_commands: int = 0
+    """How often an operator has asked the mission to take off."""
+    poses_wrong: bool = False
+    """The poses are not those of this vehicle: PX4's own landing would fly away by them."""
+    touched: bool = False
+    """In a descent by thrust: the ground carries the vehicle."""
+
+    @property
+    def beat(self) -> Heartbeat:
+        """The last heartbeat, where there is one."""
+        assert self.heartbeat is not None
+        return self.heartbeat
+
+
+@dataclass(frozen=True)
+class BridgeStatus:
+    """State of vehicle and bridge; published at each change."""
+
+    connected: bool = False
+    armed: bool = False
+    mode: str = ""
+    landed: MavLandedState = MavLandedState.UNDEFINED
+    stage: SessionStage = SessionStage.WAITING
+    why: str = ""
+    offboard: bool = False
+    ready: bool = False
+    findings: tuple[str, ...] = ()
+    text: str = ""
+    firmware: str = ""
+
+
+@dataclass
+class BridgeOutput:
+    """Outputs of one tick: of the session, and of the bridge around it."""
+
+    stream: SetpointSource = SetpointSource.PRESENT
+    vehicle_commands: list[VehicleCommand] = field(default_factory=list)
+    faults: dict[str, str] = field(default_factory=dict)
+    """Key -> what is wrong, for as long as it is."""
+    events: list[tuple[str, str]] = field(default_factory=list)
+    """Key and text of what went wrong just now."""
+    replies: list[Reply] = field(default_factory=list)
+    messages: list[Any] = field(default_factory=list)
+    """To be sent now."""
+    odometry: list[VehicleOdometry] = field(default_factory=list)
+    """All with a stamp."""
+    imu: list[VehicleImu] = field(default_factory=list)
+    battery: list[BatteryReading] = field(default_factory=list)
+    texts: list[StatusText] = field(default_factory=list)
+    status: BridgeStatus = field(default_factory=BridgeStatus)
+    evidence: AxesEvidence | None = None
+    """What was shown just now of the poses' axes: to be kept."""
+
+
+class RecentStatusTexts(deque[StatusText]):
+    """The last warnings of PX4, to explain a refusal."""
+
+    def take(self, text: StatusText) -> None:
+        """Keep a text if it is a warning or worse."""
+        if text.severity <= Severity.WARNING:
+            self.append(text)
+
+    def since(self, time_ns: int) -> str:
+        """Return the texts since a time, each once."""
+        texts = dict.fromkeys(t.text for t in self if t.arrival_ns >= time_ns)
+        return ", ".join(f"'{text}'" for text in texts)
+
+
+class CommandTransaction:
+    """A command in progress. `tick` tells when to send it; `done` or `failed` ends it."""
+
+    def __init__(self, order: VehicleCommand, tries: int) -> None:
+        self.order = order
+        self.done = False
+        self.failed = False
+        self.refusal = ""
+        """Why PX4 refused it the last time, or did not answer."""
+        self._tries = tries
+        self._begun_ns = 0
+        self._sent_ns: int | None = None
+        self._refused_ns: int | None = None
+        self._result = int(Result.ACCEPTED)
+
+    def handle_ack(self, ack: CommandAck) -> None:
+        """Take an answer. A refusal is final for this attempt; only HEARTBEAT confirms."""
+        if ack.command != self.order.command or self._sent_ns is None or self.done:
+            return
+        if ack.result not in (Result.ACCEPTED, Result.IN_PROGRESS) and self._refused_ns is None:
+            self._refused_ns, self._result = ack.arrival_ns, ack.result
+
+    def tick(self, heartbeat: Heartbeat, recent_texts: RecentStatusTexts, now_ns: int) -> bool:
+        """Advance; return whether the command is to be sent now."""
+        if self._sent_ns is None:  # even if it looks met: the last heartbeat may be a second old
+            return self._send(now_ns)
+        if self.order.confirmed_by(heartbeat) and heartbeat.arrival_ns > self._begun_ns:
+            self.done = True
+            return False
+        if self._refused_ns is not None:
+            if now_ns - self._refused_ns < PAUSE_NS:
+                return False
+            why = _result_name(self._result)
+        elif now_ns - self._sent_ns < CONFIRM_NS:
+            return False
+        else:
+            why = f"not confirmed by HEARTBEAT within {CONFIRM_NS * 1e-9:.0f} s"
+        texts = recent_texts.since(self._sent_ns)
+        self.refusal = f"{self.order} {why}" + (f": {texts}" if texts else "")
+        if self._tries <= 0:
+            self.failed = True
+            return False
+        return self._send(now_ns)
+
+    def _send(self, now_ns: int) -> bool:
+        self._tries -= 1
+        self._begun_ns = self._begun_ns or now_ns
+        self._sent_ns, self._refused_ns = now_ns, None
+        return True
+
+
+def _result_name(result: int) -> str:
+    if result in range(Result.CANCELLED + 1):
+        return Result(result).name.lower().replace("_", " ")
+    return f"result {result}"
+
 
 _FLIGHT = range(Phase.TAKEOFF, Phase.HOLD + 1)
 _DOWN = (Phase.LAND, Phase.DESCEND_BLIND)
@@ -73,7 +311,7 @@ class Session:
         self.stage = SessionStage.WAITING
         self.why = ""
         """Why it is in this state."""
-        self.recent_texts = RecentStatusTexts()
+        self.recent_texts = RecentStatusTexts(maxlen=8)
         self._timeout_ns = round(link_timeout_s * SECOND_NS)
         self._transaction: CommandTransaction | None = None
         self._engage_allowed = self._mission_seen = False
@@ -134,7 +372,7 @@ class Session:
         if self.stage in (SessionStage.ENTERING_OFFBOARD, SessionStage.ARMING):
             self._give_up(why)
         elif self._transaction is not None:
-            self._transaction = CommandTransaction(self._transaction.order, _MODE_TRIES)
+            self._order(self._transaction.order)
 
     def tick(self, view: SessionInput, out: BridgeOutput) -> None:
         """Decide; the result is added to `out`."""
@@ -152,7 +390,8 @@ class Session:
         self._end_lost_flight(view, stopped_s)
         if view.fresh:
             self._update_mission(view)
-        self._update_landed_time(view)
+        stands = view.landed == MavLandedState.ON_GROUND and view.beat.armed
+        self._landed_since_ns = (self._landed_since_ns or view.now_ns) if stands else None
         self._handle_requests(view)
         if self._request is None:
             self._advance(view)
@@ -240,7 +479,7 @@ class Session:
     def _begin_level_descent(self, view: SessionInput) -> None:
         """Descend by thrust: PX4's own landing would follow the poses."""
         self._descended_level, self._level_descent_ns = True, view.now_ns
-        self._transaction = CommandTransaction(_OFFBOARD, _MODE_TRIES)
+        self._order(_OFFBOARD)
 
     def _land(self, view: SessionInput, why: str) -> None:
         """End the flight: PX4 lands, and gets no set point any more."""
@@ -250,7 +489,7 @@ class Session:
         self._set_stage(SessionStage.LANDING, why)
         self._flight_lost, self._engage_allowed = True, False
         self._landing_from = view.beat.mode
-        self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
+        self._order(_LAND)
 
     # --- The operator -------------------------------------------------------------------------
 
@@ -390,7 +629,7 @@ class Session:
             self._out.faults["preflight"] = "not armed: " + "; ".join(view.blockers)
         elif self._stream_since_ns and view.now_ns - self._stream_since_ns >= _STREAM_FIRST_NS:
             self._set_stage(SessionStage.ENTERING_OFFBOARD, "")
-            self._transaction = CommandTransaction(_OFFBOARD, _MODE_TRIES)
+            self._order(_OFFBOARD)
             self._entering(view)
 
     def _entering(self, view: SessionInput) -> None:
@@ -404,7 +643,7 @@ class Session:
             self._give_up(refusal)
         elif self._transaction is not None and self._transaction.done:
             self._set_stage(SessionStage.ARMING, "")
-            self._transaction = CommandTransaction(_ARM, _ARM_TRIES)
+            self._order(_ARM, _ARM_TRIES)
             self._arming(view)
 
     def _arming(self, view: SessionInput) -> None:
@@ -439,7 +678,7 @@ class Session:
             view.phase == Phase.LANDED and view.landed != MavLandedState.ON_GROUND
         ):
             self._set_stage(SessionStage.LANDING, "")
-            self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
+            self._order(_LAND)
             self._landing(view)
         elif (
             view.phase in _GROUND
@@ -447,7 +686,7 @@ class Session:
             and self._armed_for_flight
             and self._transaction is None
         ):
-            self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
+            self._order(_DISARM)
         elif view.phase in _FLIGHT:
             self._transaction = None
         if self.stage == SessionStage.FLYING:
@@ -472,14 +711,14 @@ class Session:
             self._mode_taken(view, "land")
         elif not lands and not under_way:
             if view.now_ns >= self._land_again_ns:
-                self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
+                self._order(_LAND)
         else:
             self._disarm_on_ground(view)
 
     def _descend_level(self, view: SessionInput, since_ns: int) -> None:
         """Come down by thrust in OFFBOARD; switch the rotors off on the ground."""
         if view.touched and (self._transaction is None or self._transaction.order != _KILL):
-            self._transaction = CommandTransaction(_KILL, _MODE_TRIES)
+            self._order(_KILL)
         command = self._transaction
         entering = command is not None and command.order == _OFFBOARD and not command.done
         taken = view.beat.mode != OFFBOARD and not entering
@@ -489,11 +728,12 @@ class Session:
                 self._mode_taken(view, "offboard")
                 return
             self._level_descent_ns = None
-            self._transaction = CommandTransaction(_LAND, _MODE_TRIES)
+            self._order(_LAND)
 
     def _disarm_on_ground(self, view: SessionInput) -> None:
-        if self._stays_on_ground(view) and self._transaction is None:
-            self._transaction = CommandTransaction(_DISARM, _MODE_TRIES)
+        since_ns = view.now_ns if self._landed_since_ns is None else self._landed_since_ns
+        if view.now_ns - since_ns > _SELF_DISARM_NS and self._transaction is None:
+            self._order(_DISARM)
 
     def _external_mode(self, view: SessionInput) -> None:
         if not view.beat.armed:
@@ -514,7 +754,7 @@ class Session:
                 self._set_stage(SessionStage.EXTERNAL_MODE, f"in the air after: {self.why}")
                 return
             if self._transaction is None:
-                self._transaction = CommandTransaction(_DISARM, _ARM_TRIES)
+                self._order(_DISARM, _ARM_TRIES)
                 self._out.events.append(("disarmed", f"armed halfway, disarmed again: {self.why}"))
         if refusal := self._step_transaction(view):
             self._set_stage(
@@ -562,6 +802,10 @@ class Session:
             if transaction.order.armed:
                 self._arm_request_ns = view.now_ns
 
+    def _order(self, command: VehicleCommand, tries: int = _MODE_TRIES) -> None:
+        """Begin a command of the session, in place of the one under way."""
+        self._transaction = CommandTransaction(command, tries)
+
     def _give_up(self, why: str) -> None:
         self._engage_allowed = False
         self._set_stage(SessionStage.GIVEN_UP, why)
@@ -575,14 +819,6 @@ class Session:
             self._armed_for_flight = False
         if stage == SessionStage.EXTERNAL_MODE:
             self._engage_allowed = False
-
-    def _update_landed_time(self, view: SessionInput) -> None:
-        stands = view.landed == MavLandedState.ON_GROUND and view.beat.armed
-        self._landed_since_ns = (self._landed_since_ns or view.now_ns) if stands else None
-
-    def _stays_on_ground(self, view: SessionInput) -> bool:
-        since = self._landed_since_ns
-        return since is not None and view.now_ns - since > _SELF_DISARM_NS
 
     def _set_stream_and_faults(self, view: SessionInput) -> None:
         """Set which set point is sent, and the faults that are active."""

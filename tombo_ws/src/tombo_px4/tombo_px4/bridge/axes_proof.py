@@ -1,32 +1,127 @@
-"""Check by moving the vehicle by hand: axes of the mocap body and world, handedness, delay.
+"""The proof of the axes by moving the vehicle by hand: body and world, handedness, delay.
 
 At rest gravity tells which way is up and nothing else. While the vehicle is turned, the gyro says
 about which axis and when: that gives the axes of the tracked body. With them the accelerometer
 gives the world's up, and while the vehicle is carried, along which axes the positions move. What
-is left is the world's heading: PX4 takes it from the poses too, so it does no harm.
+is left is the world's heading: PX4 takes it from the poses too, so it does no harm. Proofs are
+kept in a YAML list that only grows.
 """
 
 from __future__ import annotations
 
 import math
+import os
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import body_to_map, unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.bridge.pose_motion import (
-    SHORT_HALF,
-    fit_axes,
-    integrate,
-    rotation_spans,
-    second_differences,
-)
+from tombo_px4.bridge.bridge_params import SIMULATED
+from tombo_px4.bridge.pose_motion import SHORT_HALF, fit_axes, second_differences
+
+
+@dataclass(frozen=True)
+class AxesEvidence:
+    """What a motion by hand has shown of the axes of a tracked body.
+
+    Attributes:
+        date: UTC, ISO 8601.
+        body: name of the tracked body, as the bridge's parameter says.
+        vehicle: hardware id of its autopilot.
+        mistake: what is wrong with the axes; empty: they are right.
+        tilt_rad: of the body's z against gravity at rest, about the vehicle's y and x.
+    """
+
+    date: str
+    body: str
+    vehicle: str
+    mistake: str = ""
+    tilt_rad: tuple[float, ...] = ()
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        return asdict(self) | {"tilt_rad": list(self.tilt_rad)}
+
+    @classmethod
+    def of_mapping(cls, values: Mapping[str, Any]) -> AxesEvidence:
+        """Return the record of plain values; others that are kept beside them count for nothing.
+
+        Raises:
+            KeyError: a value is missing.
+            ValueError: it proves axes without a tilt.
+        """
+        tilt, mistake = tuple(map(float, values["tilt_rad"])), values.get("mistake", "")
+        if not mistake and len(tilt) != 2:
+            raise ValueError("tilt_rad")
+        return cls(values["date"], values["body"], values["vehicle"], mistake, tilt)
+
+
+def valid_proof(proofs: Iterable[AxesEvidence], vehicle: str) -> AxesEvidence | None:
+    """Return the last record of a vehicle, by its hardware id; None without one, or a mistake."""
+    last = [e for e in proofs if vehicle and e.vehicle == vehicle][-1:]
+    return last[0] if last and not last[0].mistake else None
+
+
+_DEFAULT = Path("tombo/px4_axes.yaml")
+
+
+class AxesFile:
+    """Reads and adds to the file; without one where the poses are simulated."""
+
+    def __init__(self, axes_evidence: str) -> None:
+        """Name the file by the bridge's parameter `axes_evidence`."""
+        base = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+        named = Path(axes_evidence).expanduser() if axes_evidence else base / _DEFAULT
+        self._path = None if axes_evidence == SIMULATED else named
+
+    def of_body(self, body: str) -> tuple[AxesEvidence, ...]:
+        """Return all records of a named body, the oldest first; none for a body without a name.
+
+        Raises:
+            InputError: the file can't be read, or holds something else.
+        """
+        if self._path is None or not self._path.is_file():
+            return ()
+        try:
+            entries = yaml.safe_load(self._path.read_text(encoding="utf-8")) or []
+            records = [AxesEvidence.of_mapping(v) for v in entries]
+        except (OSError, ValueError, yaml.YAMLError, TypeError, AttributeError, KeyError):
+            raise InputError(
+                f"px4.axes_evidence '{self._path}': no list of proofs of axes; accepted: the file"
+                " that the bridge writes"
+            ) from None
+        return tuple(e for e in records if body and e.body == body)
+
+    def add(self, evidence: AxesEvidence) -> str:
+        """Add a record; return where, as the end of a sentence.
+
+        Raises:
+            InputError: the file can't be written.
+        """
+        if self._path is None:
+            return ""
+        if not (evidence.body and evidence.vehicle):
+            return ", for this run alone: px4.tracked_body, or PX4's hardware id, has no name"
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(yaml.safe_dump([evidence.as_mapping()], sort_keys=False))
+        except OSError as error:
+            raise InputError(
+                f"px4.axes_evidence '{self._path}': can't be written ({error.strerror}); accepted:"
+                " a file that can"
+            ) from None
+        return f", kept in {self._path}"
+
 
 TURN_RAD, CARRY_M = 1.0, 1.0
 """The proof needs so much in all about each axis, and along each axis."""
@@ -137,8 +232,8 @@ def _judge_motion(
     angle_max: float,
 ) -> HandVerdict | None:
     """Return what the motion shows; None: the vehicle was not turned enough to tell."""
-    begin_ns = imu[0][0]
-    times = np.array([(t - begin_ns) * 1e-9 for t, _, _ in imu])
+    imu_stamps = np.array([s[0] for s in imu])
+    times = (imu_stamps - imu_stamps[0]) * 1e-9
     rates, force = np.array([g for _, g, _ in imu]), np.array([f for _, _, f in imu])
     stamps = np.array([p[0] for p in poses])
     positions, attitudes = np.array([p[1] for p in poses]), np.array([p[2] for p in poses])
@@ -151,14 +246,13 @@ def _judge_motion(
     about, carried = tuple(turned.tolist()), tuple(ways.tolist())
     if min(about) < TURN_RAD:
         return HandVerdict(math.nan, "", True, about, carried, False, least)
-    spans = rotation_spans(stamps, attitudes, begin_ns)
-    fit = fit_axes(times, integrate(times, rates), spans, any_axes=True)
+    fit = fit_axes(imu_stamps, rates, stamps, attitudes, any_axes=True)
     if not len(fit.felt):
         return None
     if fit.left > _AGREES:
         return HandVerdict(math.nan, _UNEXPLAINED, False, about, carried, False, least)
     axes = np.eye(3) if _angle(fit.axes) <= angle_max else fit.axes
-    seconds = (stamps - begin_ns) * 1e-9 - fit.delay_s
+    seconds = (stamps - imu_stamps[0]) * 1e-9 - fit.delay_s
     motion = _compare_motion(seconds, positions, attitudes, times, force @ axes.T)
     moves = motion.compared and least >= CARRY_M
     mistake = _explain(axes, motion, angle_max)

@@ -1,4 +1,4 @@
-"""Rates of the messages that PX4 sends: counted, asked for, and told where they are too low."""
+"""Health of the link to PX4: rates of its messages, and what is wrong where nothing comes."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.bridge_params import BridgeParams
-from tombo_px4.link.message_encoder import MessageTarget, message_interval
+from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
+from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.messages import MessageTarget, command
 
 _WINDOW_NS = 2 * SECOND_NS
 _TOO_SLOW, _MOST_REQUESTS = 0.6, 5
@@ -65,8 +66,9 @@ class MessageRates:
             slow = self.rate_hz(name, now_ns) < _TOO_SLOW * rate
             if begun or (slow and self._requests[name] < _MOST_REQUESTS):
                 self._requests[name] += 1
-                number = getattr(mav, f"MAVLINK_MSG_ID_{name}")
-                messages.append(message_interval(self._target, number, rate))
+                number = float(getattr(mav, f"MAVLINK_MSG_ID_{name}"))
+                asked = (number, round(1e6 / rate))
+                messages.append(command(self._target, mav.MAV_CMD_SET_MESSAGE_INTERVAL, *asked))
         return messages
 
     def faults(self, now_ns: int) -> dict[str, str]:
@@ -80,3 +82,49 @@ class MessageRates:
                     " rate of PX4's link (MAV_0_RATE, baud), or ask for less"
                 )
         return faults
+
+
+_UNSIGNED = {
+    "unsigned": "messages without a signature were left out: link.key_file is set here, but the "
+    "other side does not sign",
+    "bad_signature": "messages are signed with another key: compare link.key_file with the "
+    "vehicle's key",
+}
+"""Counter of the link → fault."""
+
+
+def link_faults(link: Link, params: LinkParams, linked: bool) -> dict[str, str]:
+    """Return key -> fault of the link, with cause and remedy.
+
+    Args:
+        link: what came, went and was refused.
+        params: whom we wait for.
+        linked: the vehicle is heard.
+    """
+    faults: dict[str, str] = {}
+    counters, rejected_sender = link.counters, link.mav.rejected_sender
+    if link.pack_error:
+        faults["unsendable"] = link.pack_error
+    if linked:
+        return faults
+    if rejected_sender is not None:
+        system, component = rejected_sender
+        if system != params.system:
+            faults["wrong_system"] = (
+                f"system {system} speaks here, waiting for {params.system}: set "
+                "link.system, or the vehicle's MAV_SYS_ID"
+            )
+        else:
+            faults["wrong_component"] = (
+                f"component {component} of system {system} speaks here, "
+                f"waiting for {params.component}: set link.component"
+            )
+    for key, text in _UNSIGNED.items():
+        if counters[key]:
+            faults[key] = f"{counters[key]} {text}"
+    if not counters["received"] and counters["garbage_bytes"] > 1000:
+        faults["garbage"] = (
+            f"{counters['garbage_bytes']} bytes came that are no MAVLink: baud rate, or another"
+            " program on this port"
+        )
+    return faults

@@ -1,4 +1,4 @@
-"""Decodes the messages of PX4: fields checked, in our frames and units, stamped by our clock.
+"""Messages to and from PX4: ours in its frames; its own as records in ENU/FLU and SI, checked.
 
 An invalid message is dropped and counted under a reason: `not_finite`, `wrong_frame`,
 `not_unit`, `stamp`, `not_px4`, `range`, `not_for_us`, `unknown_kind`. Texts of more than 50
@@ -11,27 +11,260 @@ import math
 import struct
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.input_check import is_future
+from tombo_dynamics.messages import PositionSetpoint
 from tombo_dynamics.rotation import rotate_vector
+from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.frames import (
     UPPER_DIAGONAL,
     enu_from_ned,
     flu_from_frd,
+    frd_from_flu,
+    ned_from_enu,
+    px4_quaternion,
+    px4_yaw,
     ros_pose_covariance,
     ros_quaternion,
 )
-from tombo_px4.link import decoded_messages as decoded
-from tombo_px4.link.decoded_messages import RefusedMessage, StatusText
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.timesync import TimeSync
-from tombo_px4.modes import mode_of
+from tombo_px4.modes import FORCE_ARMING, MavLandedState, Mode, mode_of
+
+POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+"""Position, velocity, acceleration and yaw count; the rate of yaw doesn't."""
+ATTITUDE_MASK = (
+    mav.ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE
+    | mav.ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE
+    | mav.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE
+)
+RATES_MASK = mav.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
+_TRACKED = 100
+"""ODOMETRY.quality of a valid pose, in percent."""
+_CUSTOM_MODE = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+_UNKNOWN = [math.nan] + 20 * [0.0]
+"""A covariance of which nothing is known: NaN in front (MAVLink common)."""
+_MICRO, _MILLI = 1_000, 1_000_000
+"""[ns]. The 32 bits of `time_boot_ms` carry our time; PX4 does not read them."""
+
+
+class MessageTarget(NamedTuple):
+    """System and component that the messages are for."""
+
+    system: int
+    component: int
+
+
+def pose_message(stamp_ns: int, position: Array, attitude: Array) -> Any:
+    """Return a pose of the motion capture as the ODOMETRY that PX4 fuses.
+
+    Args:
+        stamp_ns: capture, of the clock that answers TIMESYNC.
+        position: (3) of base_link in map [m].
+        attitude: (4) xyzw, map from base_link.
+    """
+    q = px4_quaternion(attitude / np.linalg.norm(attitude))  # else PX4 drops it, silently
+    return mav.MAVLink_odometry_message(
+        stamp_ns // _MICRO,
+        mav.MAV_FRAME_LOCAL_NED,
+        mav.MAV_FRAME_BODY_FRD,
+        *ned_from_enu(position).tolist(),
+        q.tolist(),
+        *(6 * [math.nan]),
+        _UNKNOWN,
+        _UNKNOWN,
+        0,
+        mav.MAV_ESTIMATOR_TYPE_VISION,
+        _TRACKED,
+    )
+
+
+def position_target(setpoint: PositionSetpoint, to: MessageTarget, now_ns: int) -> Any:
+    """Return a set point of position, velocity and acceleration fed forward, and yaw."""
+    return mav.MAVLink_set_position_target_local_ned_message(
+        now_ns // _MILLI % 2**32,
+        *to,
+        mav.MAV_FRAME_LOCAL_NED,
+        POSITION_MASK,
+        *ned_from_enu(setpoint.position).tolist(),
+        *ned_from_enu(setpoint.velocity).tolist(),
+        *ned_from_enu(setpoint.acceleration).tolist(),
+        px4_yaw(setpoint.yaw),
+        0.0,
+    )
+
+
+def rotation_target(wanted: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
+    """Return a set point of throttle 0..1 and attitude, or body rates.
+
+    Args:
+        wanted: (4) xyzw, map from base_link, or (3) [rad/s], base_link.
+        throttle: share of the highest thrust.
+        to: who follows it.
+        now_ns: the present.
+    """
+    mask, q, rates = RATES_MASK, [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+    if wanted.shape == (4,):
+        mask, q = ATTITUDE_MASK, px4_quaternion(wanted).tolist()
+    else:
+        rates = frd_from_flu(wanted).tolist()
+    return mav.MAVLink_set_attitude_target_message(
+        now_ns // _MILLI % 2**32, *to, mask, q, *rates, throttle
+    )
+
+
+def throttle_of(thrust: float, mass: float, hover_thrust: float) -> float:
+    """Return the throttle 0..1 for a thrust [N]: `hover_thrust` carries the weight of `mass`."""
+    return min(max(thrust / (mass * GRAVITY) * hover_thrust, 0.0), 1.0)
+
+
+def heartbeat() -> Any:
+    """Return our HEARTBEAT, that of a ground station: PX4 sends its texts to those alone."""
+    content = (mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
+    return mav.MAVLink_heartbeat_message(*content)
+
+
+def command(to: MessageTarget, number: int, *values: float) -> Any:
+    """Return COMMAND_LONG with up to seven values, the rest 0."""
+    padded = [*values, *((7 - len(values)) * [0.0])]
+    return mav.MAVLink_command_long_message(*to, number, 0, *padded)
+
+
+def set_mode(to: MessageTarget, mode: Mode) -> Any:
+    """Ask for a mode. Acknowledged twice; only HEARTBEAT confirms it."""
+    values = (float(_CUSTOM_MODE), float(mode.main), float(mode.sub))
+    return command(to, mav.MAV_CMD_DO_SET_MODE, *values)
+
+
+def arm(to: MessageTarget, armed: bool, force: bool = False) -> Any:
+    """Ask to arm or disarm; by force only where asked for: that disarms in the air, too."""
+    return command(
+        to, mav.MAV_CMD_COMPONENT_ARM_DISARM, float(armed), FORCE_ARMING if force else 0.0
+    )
+
+
+def request_message(to: MessageTarget, number: int) -> Any:
+    """Ask for a message once."""
+    return command(to, mav.MAV_CMD_REQUEST_MESSAGE, float(number))
+
+
+def read_parameter(to: MessageTarget, name: str) -> Any:
+    """Ask for a parameter by name."""
+    return mav.MAVLink_param_request_read_message(*to, name.encode(), -1)
+
+
+def float_of_int(value: int) -> float:
+    """Return the float that has the bytes of an int32: PX4 takes whole numbers by their bytes."""
+    number: float = struct.unpack("<f", struct.pack("<i", value))[0]
+    return number
+
+
+class RefusedMessage(ValueError):
+    """A message that can't be used; the text is the reason that is counted."""
+
+
+@dataclass(frozen=True)
+class StampedMessage:
+    """A message with the time of what it tells."""
+
+    arrival_ns: int
+    stamp_ns: int | None
+    """Of the content, our clock; None while the clocks are not known to each other."""
+    boot_ns: int
+    """The same in PX4's clock."""
+
+
+class Heartbeat(NamedTuple):
+    """HEARTBEAT of the autopilot."""
+
+    arrival_ns: int
+    armed: bool
+    mode: Mode
+    failsafe: bool = False
+    """PX4 flies another mode than was asked for, or has stopped its rotors for good."""
+
+
+@dataclass(frozen=True)
+class VehicleOdometry(StampedMessage):
+    """PX4's estimate."""
+
+    position: Array
+    """(3) in map [m]."""
+    attitude: Array
+    """(4) xyzw, map from base_link, unit."""
+    velocity: Array
+    """(3) in map [m/s]."""
+    rates: Array
+    """(3) base_link [rad/s]."""
+    pose_covariance: Array | None
+    """(6, 6) in axes of map; None: PX4 does not know it."""
+
+
+@dataclass(frozen=True)
+class VehicleImu(StampedMessage):
+    """PX4's gyro and accelerometer."""
+
+    gyro: Array
+    """(3) base_link [rad/s]."""
+    accel: Array
+    """(3) specific force, base_link [m/s^2]."""
+    pressure_altitude: float = math.nan
+    """Height that the barometer shows [m]; NaN: not sent."""
+
+
+class BatteryReading(NamedTuple):
+    """Voltage [V], current [A], what is left 0..1; NaN: not known."""
+
+    arrival_ns: int
+    voltage: float
+    current: float
+    remaining: float
+    cells: tuple[float, ...] = ()
+    """[V] of each cell, as far as known."""
+
+
+class StatusText(NamedTuple):
+    """A text of PX4 (STATUSTEXT), and its severity (`Severity`)."""
+
+    arrival_ns: int
+    severity: int
+    text: str
+
+
+class CommandAck(NamedTuple):
+    """PX4's answer to a command; to DO_SET_MODE there are two, and the first says nothing."""
+
+    arrival_ns: int
+    command: int
+    result: int
+
+
+class ParameterValue(NamedTuple):
+    """A parameter of the vehicle, and its MAV_PARAM_TYPE."""
+
+    name: str
+    value: float | int
+    kind: int
+
+
+class EstimatorStatusFlags(NamedTuple):
+    """State of PX4's estimator (ESTIMATOR_STATUS)."""
+
+    arrival_ns: int
+    has_position: bool
+    """Horizontal, relative or absolute."""
+    is_aided: bool
+    """A position source is fused. (CONST_POS_MODE does not tell: it is set at rest, too.)"""
+    position_ratio: float
+    """Innovation test ratio; above 1 the poses are refused. NaN: not reported."""
+    height_ratio: float
+
 
 _FULL = 50
 """A piece of this length is followed by another."""
@@ -40,17 +273,19 @@ _MOST_TEXTS, _MOST_CHUNKS = 8, 8
 _GAP = "…"
 
 
-@dataclass
-class _PartialText:
+class _PartialText(NamedTuple):
     severity: int
     arrival_ns: int
-    chunks: dict[int, str] = field(default_factory=dict)
-    count: int | None = None
-    """Number of its pieces, once the last one has come."""
+    chunks: dict[int, str]
+
+    @property
+    def last(self) -> int:
+        """Place of the last piece; of the one that is awaited, if that has not come."""
+        short = [place for place, text in self.chunks.items() if len(text) < _FULL]
+        return short[0] if short else max(self.chunks) + 1
 
     def text(self) -> StatusText:
-        count = self.count or max(self.chunks) + 2
-        words = "".join(self.chunks.get(k, _GAP) for k in range(count))
+        words = "".join(self.chunks.get(place, _GAP) for place in range(self.last + 1))
         return _status_text(self.arrival_ns, self.severity, words)
 
 
@@ -81,13 +316,9 @@ class StatusTextAssembler:
             return _status_text(arrival_ns, severity, text)
         if number not in self._growing and len(self._growing) >= _MOST_TEXTS:
             raise RefusedMessage("too_many")
-        growing = self._growing.setdefault(number, _PartialText(severity, arrival_ns))
+        growing = self._growing.setdefault(number, _PartialText(severity, arrival_ns, {}))
         growing.chunks[chunk] = text
-        if len(text) < _FULL:
-            growing.count = chunk + 1
-        if growing.count is None or len(growing.chunks) < growing.count:
-            return None
-        return self._growing.pop(number).text()
+        return self._growing.pop(number).text() if len(growing.chunks) > growing.last else None
 
     def take_expired(self, now_ns: int) -> list[StatusText]:
         """Return incomplete texts that have waited for a second."""
@@ -102,7 +333,6 @@ def _status_text(arrival_ns: int, severity: int, text: str) -> StatusText:
     return StatusText(arrival_ns, severity, printable)
 
 
-_MICRO_NS, _MILLI_NS = 1_000, 1_000_000
 _OLDEST_NS, _SYNC_ERROR_NS = 1_000_000_000, 15_000_000
 """A stamp may be so long before its arrival; the error of a clock that is still being measured."""
 _SAME_JUMP_NS = 100_000_000
@@ -144,7 +374,7 @@ class MessageDecoder:
         self._chunks = StatusTextAssembler()
 
     def read(self, received: Received) -> object:
-        """Return the record of a message; None if it has none, or was refused."""
+        """Return the content of a message; None if it has none, or was refused."""
         kind = str(received.message.get_type())
         reader = _READERS.get(kind)
         if reader is None:
@@ -158,7 +388,7 @@ class MessageDecoder:
         self.refused[f"{kind}.{reason}"] += 1
         return None
 
-    def take_expired(self, now_ns: int) -> list[decoded.StatusText]:
+    def take_expired(self, now_ns: int) -> list[StatusText]:
         """Return texts whose missing pieces are overdue."""
         return self._chunks.take_expired(now_ns)
 
@@ -189,7 +419,7 @@ class MessageDecoder:
             raise RefusedMessage("not_px4")
         armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         failsafe = armed and m.system_status in _FAILSAFE
-        return decoded.Heartbeat(arrival_ns, armed, mode_of(m.custom_mode), failsafe)
+        return Heartbeat(arrival_ns, armed, mode_of(m.custom_mode), failsafe)
 
     def _odometry(self, m: Any, arrival_ns: int) -> object:
         in_body = m.child_frame_id == mav.MAV_FRAME_BODY_FRD
@@ -205,14 +435,13 @@ class MessageDecoder:
         diagonal = upper[UPPER_DIAGONAL]
         known = np.isfinite(diagonal).all() and (diagonal > 0.0).all()
         upper[~np.isfinite(upper)] = 0.0  # PX4 leaves out how they hang together
-        return decoded.VehicleOdometry(
-            *self._times(m.time_usec * _MICRO_NS, arrival_ns),
+        return VehicleOdometry(
+            *self._times(m.time_usec * _MICRO, arrival_ns),
             enu_from_ned(place[:3]),
             attitude,
             rotate_vector(attitude, flu_from_frd(velocity)) if in_body else enu_from_ned(velocity),
             flu_from_frd(rates),
             ros_pose_covariance(upper) if known else None,
-            int(m.reset_counter),
         )
 
     def _imu(self, m: Any, arrival_ns: int) -> object:
@@ -220,12 +449,12 @@ class MessageDecoder:
             raise RefusedMessage("incomplete")
         accel = _bounded(_HARDEST, m.xacc, m.yacc, m.zacc)
         gyro = _bounded(_FASTEST_TURN, m.xgyro, m.ygyro, m.zgyro)
-        times = self._times(m.time_usec * _MICRO_NS, arrival_ns)
+        times = self._times(m.time_usec * _MICRO, arrival_ns)
         measures_height = bool(m.fields_updated & _PRESSURE_ALTITUDE) and math.isfinite(
             m.pressure_alt
         )
         altitude = float(m.pressure_alt) if measures_height else math.nan
-        return decoded.VehicleImu(*times, flu_from_frd(gyro), flu_from_frd(accel), altitude)
+        return VehicleImu(*times, flu_from_frd(gyro), flu_from_frd(accel), altitude)
 
     def _battery(self, m: Any, arrival_ns: int) -> object:
         if m.id != 0:  # a second one: PX4 counts on the first
@@ -233,12 +462,12 @@ class MessageDecoder:
         cells = tuple(1e-3 * v for v in [*m.voltages, *m.voltages_ext] if 0 < v != _NO_CELL)
         voltage = sum(cells) if cells else math.nan
         current, left = _current(m.current_battery), _share(m.battery_remaining)
-        return decoded.BatteryReading(arrival_ns, voltage, current, left, cells)
+        return BatteryReading(arrival_ns, voltage, current, left, cells)
 
     def _system(self, m: Any, arrival_ns: int) -> object:
         voltage = math.nan if m.voltage_battery == _NO_VOLTAGE else 1e-3 * m.voltage_battery
         current, left = _current(m.current_battery), _share(m.battery_remaining)
-        return decoded.BatterySummary(arrival_ns, voltage, current, left)
+        return BatteryReading(arrival_ns, voltage, current, left)
 
     def _text(self, m: Any, arrival_ns: int) -> object:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
@@ -246,7 +475,7 @@ class MessageDecoder:
     def _ack(self, m: Any, arrival_ns: int) -> object:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
             raise RefusedMessage("not_for_us")
-        return decoded.CommandAck(arrival_ns, int(m.command), int(m.result))
+        return CommandAck(arrival_ns, int(m.command), int(m.result))
 
     def _parameter(self, m: Any, arrival_ns: int) -> object:
         name = str(m.param_id)
@@ -257,17 +486,17 @@ class MessageDecoder:
             raise RefusedMessage("unknown_kind")
         elif not math.isfinite(value):
             raise RefusedMessage("range")
-        return decoded.ParameterValue(name, value, m.param_type)
+        return ParameterValue(name, value, m.param_type)
 
     def _version(self, m: Any, arrival_ns: int) -> object:
         major, minor, patch, _ = m.flight_sw_version.to_bytes(4, "big")
         number = bytes(m.uid2) if any(m.uid2) else int(m.uid).to_bytes(8, "big")
         hardware_id = number.hex().lstrip("0")
-        return decoded.AutopilotVersion(f"{major}.{minor}.{patch}", hardware_id)
+        return f"{major}.{minor}.{patch}", hardware_id
 
 
 def _estimator(m: Any, arrival_ns: int) -> object:
-    return decoded.EstimatorStatusFlags(
+    return EstimatorStatusFlags(
         arrival_ns,
         bool(m.flags & (mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_POS_HORIZ_ABS)),
         bool(m.flags & mav.ESTIMATOR_PRED_POS_HORIZ_REL),
@@ -287,12 +516,16 @@ _READERS: dict[str, _Reader] = {
     "COMMAND_ACK": MessageDecoder._ack,
     "PARAM_VALUE": MessageDecoder._parameter,
     "AUTOPILOT_VERSION": MessageDecoder._version,
-    "ATTITUDE_TARGET": lambda _, m, t: decoded.ThrustSetpoint(t, float(*_bounded(1.0, m.thrust))),
-    "EXTENDED_SYS_STATE": lambda _, m, t: decoded.MavLandedState(m.landed_state),
+    "ATTITUDE_TARGET": lambda _, m, t: float(*_bounded(1.0, m.thrust)),
+    "EXTENDED_SYS_STATE": lambda _, m, t: MavLandedState(m.landed_state),
     "ESTIMATOR_STATUS": lambda _, m, t: _estimator(m, t),
-    "TIMESYNC": lambda _, m, t: decoded.TimesyncMessage(t, int(m.tc1), int(m.ts1)),
+    "TIMESYNC": lambda _, m, t: (t, int(m.tc1), int(m.ts1)),
 }
-"""Message → its record, from the message and its arrival."""
+"""Message → its content, from the message and its arrival.
+
+Those without a record: the throttle 0 to 1 that PX4 commands (ATTITUDE_TARGET); arrival, tc1 and
+ts1 (TIMESYNC); version of the firmware and unique number of the autopilot (AUTOPILOT_VERSION).
+"""
 
 
 def _bounded(limit: float, *values: float) -> Array:
