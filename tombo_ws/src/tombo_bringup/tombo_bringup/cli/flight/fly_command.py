@@ -15,8 +15,8 @@ from tombo_bringup.cli.errors import print_warnings
 from tombo_bringup.cli.flight.optional_url import (
     PX4_RULES,
     PX4_SPEED,
-    OptionalUrlCommand,
     Px4Options,
+    expand_url_option,
 )
 from tombo_bringup.cli.options import command, option, record
 from tombo_bringup.cli.result_files import Place, new_run
@@ -65,7 +65,7 @@ class _Fly:
     no_record: bool = option("--no-record", "Write no flight.mcap.", False)
 
 
-@command(app, lab=True, epilog=EXIT_CODES, cls=OptionalUrlCommand)
+@command(app, lab=True, epilog=EXIT_CODES, expand=expand_url_option)
 def fly(
     scene: options.Scene,
     draw: options.Draw,
