@@ -77,21 +77,24 @@ def check_new_yaml(path: Path, force: bool) -> None:
 
 def publish(
     results: Results,
-    name: str,
+    name: str | None,
     files: Sequence[str],
     compute: Callable[[ProgressCallback], _Found],
-    write: Callable[[OutputFolder, _Found, ProgressCallback], None],
+    write: Callable[[OutputFolder, _Found, ProgressCallback], object],
     page: Callable[[_Found, Path | None], Page],
-) -> None:
+) -> tuple[_Found, list[str]]:
     """Compute, write into the folder of -o or a new one under runs/, and show the page.
 
     Args:
         results: where they go; to a new folder not if only JSON is printed.
-        name: of a new folder.
+        name: of a new folder; None: without -o nothing is written.
         files: all names that may be written.
         compute: what is to be found.
         write: puts it into the folder.
         page: of what was found, and the folder.
+
+    Returns:
+        What was found, and the names that were written.
 
     Raises:
         typer.Exit: a signal came.
@@ -99,12 +102,14 @@ def publish(
     """
     from tombo_bringup.cli.tables import show_page
 
-    new = results.output is None
-    default = None if results.as_json else Path("runs") / plain_name(name)
-    path = default if results.output is None else Path(results.output)
-    found, path, written = compute_into(path, results.force, files, compute, write, numbered=new)
+    default = None if name is None or results.as_json else Path("runs") / plain_name(name)
+    place = default if results.output is None else Path(results.output)
+    found, path, written = compute_into(
+        place, results.force, files, compute, write, numbered=results.output is None
+    )
     shown = page(found, path)
     show_page(shown, results.as_json, None if results.as_json else path, written)
+    return found, written
 
 
 def compute_into(
@@ -112,7 +117,7 @@ def compute_into(
     replace: bool,
     results: Sequence[str],
     compute: Callable[[ProgressCallback], _Found],
-    write: Callable[[OutputFolder, _Found, ProgressCallback], None],
+    write: Callable[[OutputFolder, _Found, ProgressCallback], object],
     *,
     numbered: bool = False,
 ) -> tuple[_Found, Path | None, list[str]]:

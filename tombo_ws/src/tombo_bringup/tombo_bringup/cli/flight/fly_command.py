@@ -134,16 +134,14 @@ def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
     Raises:
         InputError: not of this form, none, or too many.
     """
-    accepted = f"accepted: A:B with 0 <= A < B, at most {most} flights, as in 0:100"
     found = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
-    if found is None:
-        raise InputError(f"--seeds {text}: not of the form A:B; {accepted}")
-    first, end = int(found[1]), int(found[2])
-    if first >= end:
-        raise InputError(f"--seeds {text}: no seed at all; {accepted}")
-    if end - first > most or end > SEED_LIMIT:
-        raise InputError(f"--seeds {text}: too many; {accepted}")
-    return range(first, end)
+    seeds = range(int(found[1]), int(found[2])) if found else range(0)
+    if not 0 < len(seeds) <= most or seeds.stop > SEED_LIMIT:
+        raise InputError(
+            f"--seeds {text}: accepted: A:B with 0 <= A < B <= {SEED_LIMIT}, at most {most} "
+            "flights, as in 0:100"
+        )
+    return seeds
 
 
 def _propeller(propeller: options.Propeller) -> list[str]:
