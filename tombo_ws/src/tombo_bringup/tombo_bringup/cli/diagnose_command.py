@@ -104,8 +104,8 @@ def diagnose(
             lambda on_progress: run_change(
                 logs, healthy, reading.mapping, names, sessions, on_progress
             ),
-            lambda folder, both, _: write_report(folder, change_page(*both), pictures=pictures),
             lambda both, folder: change_page(*both),
+            lambda folder, both, _: write_report(folder, change_page(*both), pictures=pictures),
         )
         return
     if given.sessions:
@@ -119,10 +119,10 @@ def diagnose(
         name,
         DIAGNOSIS_FILES,
         lambda on_progress: run(logs, file, reading.mapping, names, on_progress, vehicle),
+        lambda both, folder: diagnosis_page(both[0], str(folder or ""), vehicle or ""),
         lambda folder, both, on_progress: write_diagnosis(
             folder, *both, pictures=pictures, on_progress=on_progress
         ),
-        lambda both, folder: diagnosis_page(both[0], str(folder or ""), vehicle or ""),
     )
 
 

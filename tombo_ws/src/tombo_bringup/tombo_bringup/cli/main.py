@@ -39,6 +39,14 @@ _COMMANDS: Final = (
 """Modules of this package; each has a Typer application `app` with its commands."""
 
 
+_MORE: Final = (
+    "Less often used, each with --help: tombo check mocap (mistakes of a motion capture), tombo "
+    "hil (a real PX4 in SITL flies the simulated vehicle), tombo run (one node), tombo workbench "
+    "(a propeller in the browser)."
+)
+"""Commands that the list of all does not show."""
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         from tombo_flight.version import tombo_version
@@ -67,6 +75,7 @@ def application(modules: tuple[str, ...] = _COMMANDS) -> typer.Typer:
         name="tombo",
         help="Fly a quadrotor with Tombo propellers, which fold on impact: the collision "
         "experiment of the paper, headless.",
+        epilog=_MORE,
         context_settings=HELP_OPTIONS,
         callback=spelt_out(_tombo),
         invoke_without_command=True,

@@ -80,8 +80,8 @@ def publish(
     name: str | None,
     files: Sequence[str],
     compute: Callable[[ProgressCallback], _Found],
-    write: Callable[[OutputFolder, _Found, ProgressCallback], object],
     page: Callable[[_Found, Path | None], Page],
+    write: Callable[[OutputFolder, _Found, ProgressCallback], object] | None = None,
 ) -> tuple[_Found, list[str]]:
     """Compute, write into the folder of -o or a new one under runs/, and show the page.
 
@@ -90,8 +90,8 @@ def publish(
         name: of a new folder; None: without -o nothing is written.
         files: all names that may be written.
         compute: what is to be found.
-        write: puts it into the folder.
         page: of what was found, and the folder.
+        write: puts it into the folder; by default the page, as JSON or HTML.
 
     Returns:
         What was found, and the names that were written.
@@ -101,11 +101,19 @@ def publish(
         InputError: the folder can't be used.
     """
     from tombo_bringup.cli.tables import show_page
+    from tombo_flight.process.output_folder import write_whole
+    from tombo_flight.report.html import page_html
+    from tombo_flight.report.page import page_json
+
+    def write_pages(folder: OutputFolder, found: _Found, on_progress: ProgressCallback) -> None:
+        for file in files:
+            text = page_json if file.endswith(".json") else page_html
+            write_whole(folder / file, text(page(found, None)))
 
     default = None if name is None or results.as_json else Path("runs") / plain_name(name)
     place = default if results.output is None else Path(results.output)
     found, path, written = compute_into(
-        place, results.force, files, compute, write, numbered=results.output is None
+        place, results.force, files, compute, write or write_pages, numbered=results.output is None
     )
     shown = page(found, path)
     show_page(shown, results.as_json, None if results.as_json else path, written)

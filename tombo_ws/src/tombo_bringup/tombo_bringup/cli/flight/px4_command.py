@@ -81,10 +81,7 @@ def px4(
     table = ParameterTable()
     chosen = load_scenario(scene.scenario, settings.settings or [])
     with ExitStack() as stack:
-        links = [
-            (stack.enter_context(closing(link)), streams)
-            for link, streams in _open_links(given, table)
-        ]
+        links = _open_links(given, table, stack)
         vehicle = _vehicle(chosen, draw.seed or 0, table)
         lines = where_to_connect(_HERE, given.port, given.ground_port)
         _serve(Endpoint(vehicle, links), duration.duration, lines)
@@ -101,32 +98,29 @@ def _write_parameters(path: Path) -> None:
     typer.echo(f"{path}: QGroundControl, Parameters, Tools, Load from file")
 
 
-def _open_links(given: _Px4, table: ParameterTable) -> list[tuple[Link, str]]:
-    from tombo_dynamics.errors import InputError
+def _open_links(given: _Px4, table: ParameterTable, stack: ExitStack) -> list[tuple[Link, str]]:
+    """Open the vehicle's links to an on-board client and a ground station, until `stack` ends."""
     from tombo_px4.link.mavlink_link import Link, read_key
 
-    port, ground_port = given.port, given.ground_port
     text = "" if given.key is None else str(given.key)
     secret = read_key(text, lambda warning: typer.echo(f"Warning: {warning}", err=True))
     links: list[tuple[Link, str]] = []
-    try:
-        for number, (own, client, streams) in enumerate(
-            ((port + _OWN, port, "onboard"), (port + _OWN_GROUND, ground_port, "ground"))
-        ):
-            link = Link(
-                f"udpin://{_HERE}:{own}",
-                system=int(table.get("MAV_SYS_ID")),
-                component=int(table.get("MAV_COMP_ID")),
-                clock=time.time_ns,
-                key=secret,
-                link_id=number,
-                default_peer=f"{_HERE}:{client}",
-            )
-            links.append((link, streams))
-    except InputError:
-        for link, _ in links:
-            link.close()
-        raise
+    for number, (own, client, streams) in enumerate(
+        (
+            (given.port + _OWN, given.port, "onboard"),
+            (given.port + _OWN_GROUND, given.ground_port, "ground"),
+        )
+    ):
+        link = Link(
+            f"udpin://{_HERE}:{own}",
+            system=int(table.get("MAV_SYS_ID")),
+            component=int(table.get("MAV_COMP_ID")),
+            clock=time.time_ns,
+            key=secret,
+            link_id=number,
+            default_peer=f"{_HERE}:{client}",
+        )
+        links.append((stack.enter_context(closing(link)), streams))
     return links
 
 
@@ -147,23 +141,24 @@ def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle
 
 
 def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> None:
-    from tombo_bringup.cli.flight.px4_screen import Screen
+    from tombo_bringup.cli.flight.px4_screen import end_lines, redraw
     from tombo_bringup.cli.tables import scroll
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_px4.protocol.endpoint import serve
 
     limit_ns = None if duration_s is None else round(1e9 * duration_s)
-    with StopSignals(signal.SIGHUP) as stop, scroll() as lines_above:
-        screen = Screen(lines_above)
-        screen.begin(lines)
-        over = False
+    over = False
+    with StopSignals(signal.SIGHUP) as stop, scroll() as screen:
+        for line in lines:
+            screen.put(line)
 
-        def redraw(boot_ns: int, slipped_ns: int) -> None:
+        def on_step(boot_ns: int, slipped_ns: int) -> None:
             nonlocal over
-            screen.redraw(endpoint, boot_ns, slipped_ns)
+            redraw(screen, endpoint, boot_ns, slipped_ns)
             over = limit_ns is not None and boot_ns + slipped_ns >= limit_ns
 
         slipped_ns = serve(
-            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), redraw
+            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), on_step
         )
-        screen.end(endpoint, slipped_ns)
+        for line in end_lines(endpoint, slipped_ns):
+            screen.put(line)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from tombo_bringup.cli.tables import Scroll
@@ -49,29 +49,19 @@ def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
     return " · ".join(words)
 
 
-class Screen:
-    """The texts of the vehicle; on a terminal the state below them."""
+def redraw(scroll: Scroll, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
+    """Print new texts, draw the state now and then; called hundreds of times a second."""
+    for severity, text in endpoint.announcer.sent_texts:
+        style = "yellow" if severity <= _SEVERITY_COLOURED else ""
+        scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
+    endpoint.announcer.sent_texts.clear()
+    if scroll.live is not None and scroll.due():
+        scroll.show(state_line(endpoint, boot_ns, slipped_ns))
 
-    def __init__(self, scroll: Scroll) -> None:
-        self._scroll = scroll
 
-    def begin(self, lines: Sequence[str]) -> None:
-        """Say where it can be reached."""
-        for line in lines:
-            self._scroll.put(line)
-
-    def redraw(self, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-        """Print new texts, draw the state now and then; called hundreds of times a second."""
-        for severity, text in endpoint.announcer.sent_texts:
-            style = "yellow" if severity <= _SEVERITY_COLOURED else ""
-            self._scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
-        endpoint.announcer.sent_texts.clear()
-        if self._scroll.live is not None and self._scroll.due():
-            self._scroll.show(state_line(endpoint, boot_ns, slipped_ns))
-
-    def end(self, endpoint: Endpoint, slipped_ns: int) -> None:
-        """Say how long it ran, and what was refused."""
-        for reason, count in sorted(endpoint.announcer.refused.items()):
-            self._scroll.put(f"  {count} x {reason}")
-        late = f", {slipped_ns * 1e-9:.1f} s behind real time" if slipped_ns else ""
-        self._scroll.put(f"stopped after {endpoint.vehicle.boot_us * 1e-6:.1f} s{late}")
+def end_lines(endpoint: Endpoint, slipped_ns: int) -> Iterator[str]:
+    """Yield how long it ran, and what was refused."""
+    for reason, count in sorted(endpoint.announcer.refused.items()):
+        yield f"  {count} x {reason}"
+    late = f", {slipped_ns * 1e-9:.1f} s behind real time" if slipped_ns else ""
+    yield f"stopped after {endpoint.vehicle.boot_us * 1e-6:.1f} s{late}"

@@ -56,7 +56,6 @@ def replay(
     """
     from tombo_flight.replay.page import replay_page
     from tombo_flight.replay.run import ReplayRequest, replay_bag
-    from tombo_flight.report.page import page_json
 
     request = ReplayRequest(
         nodes=_nodes(given.nodes or []),
@@ -72,9 +71,6 @@ def replay(
         None,
         (FILE,),
         lambda on_progress: replay_bag(given.bag, request),
-        lambda folder, result, _: (folder / FILE).write_text(
-            page_json(replay_page(result)), encoding="utf-8", newline="\n"
-        ),
         lambda result, folder: replay_page(result),
     )
     raise typer.Exit(1 if given.strict and result.differences else 0)

@@ -75,8 +75,8 @@ def design(
         None,
         DESIGN_FILES,
         run,
-        lambda folder, both, on_progress: write_design(folder.staging, *both, on_progress),
         lambda both, folder: design_page(*both),
+        lambda folder, both, on_progress: write_design(folder.staging, *both, on_progress),
     )
     if SCENARIO in written and not results.as_json:
         typer.echo(f"Fly it: {command_line(('fly', f'{results.output}/{SCENARIO}'))}")
