@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,9 +23,6 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import SEED_LIMIT
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import ProgressCallback
-    from tombo_flight.process.output_folder import OutputFolder
-    from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import Scenario
 
 app = typer.Typer()
@@ -157,29 +152,19 @@ def _propeller(propeller: options.Propeller) -> list[str]:
     return options if law is None else [*options, f"propeller.law={law}"]
 
 
-@contextmanager
-def _prepared(
-    scenario: Scenario, place: Place
-) -> Iterator[tuple[OutputFolder, StopSignals, ProgressCallback]]:
-    """Rehearse the scenario, then give folder, signals and progress bar."""
+def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
+    """Rehearse the scenario, fly it, write its files and show its page; return the exit code."""
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.flight_output import warm_up_flight
+    from tombo_flight.flight_output import fly_into, warm_up_flight
     from tombo_flight.process.stop_signals import StopSignals
 
     with progress_bar() as on_progress:
         on_progress("loading", 0.0)
         warm_up_flight(scenario)
         with StopSignals() as stop, place.open() as folder:
-            yield folder, stop, on_progress
-
-
-def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
-    from tombo_flight.flight_output import fly_into
-
-    with _prepared(scenario, place) as (folder, stop, on_progress):
-        flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
-        names = sorted(p.name for p in folder.staging.iterdir())
-        folder.publish()
+            flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
+            names = sorted(p.name for p in folder.staging.iterdir())
+            folder.publish()
     if not as_json and stop.asked() and not flight.summary["interrupted"]:
         typer.echo("Interrupted after the flight: the pictures are not drawn.")
     show_page(flight.page, as_json, None if as_json else folder.path, names)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
 
 if TYPE_CHECKING:
+    from tombo_bringup.cli.tables import Scroll
     from tombo_flight.scenario import Scenario
     from tombo_px4.autopilot.parameters import ParameterTable
     from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -33,6 +35,9 @@ _OWN, _OWN_GROUND = 40, 4030
 _HIGHEST = 65535
 _HERE = "127.0.0.1"
 _WARM_UP_TICKS = 60
+_RECENTLY_HEARD_US = 3_000_000
+_SEVERITY_COLOURED = 4
+"""MAV_SEVERITY_WARNING: this and graver is coloured."""
 
 
 @record
@@ -70,7 +75,6 @@ def px4(
     MAVSDK, MAVProxy, QGroundControl and the bridge of `tombo fly --px4` can fly it, on this
     machine; from other ones with px4_sim_node and its parameter allow_remote (docs/px4.md).
     """
-    from tombo_bringup.cli.flight.px4_screen import where_to_connect
     from tombo_flight.scenario import load_scenario
     from tombo_px4.autopilot.parameters import ParameterTable
     from tombo_px4.protocol.endpoint import Endpoint
@@ -83,8 +87,7 @@ def px4(
     with ExitStack() as stack:
         links = _open_links(given, table, stack)
         vehicle = _vehicle(chosen, draw.seed or 0, table)
-        lines = where_to_connect(_HERE, given.port, given.ground_port)
-        _serve(Endpoint(vehicle, links), duration.duration, lines)
+        _serve(Endpoint(vehicle, links), duration.duration, _where_to_connect(given))
 
 
 def _write_parameters(path: Path) -> None:
@@ -96,6 +99,17 @@ def _write_parameters(path: Path) -> None:
         raise InputError(f"'{path}' exists; accepted: a new name")
     write_whole(path, parameter_file())
     typer.echo(f"{path}: QGroundControl, Parameters, Tools, Load from file")
+
+
+def _where_to_connect(given: _Px4) -> list[str]:
+    ground = given.ground_port
+    return [
+        "A simulated PX4 1.17 quadrotor. It exchanges messages with a client that listens at",
+        f"  MAVSDK          udpin://{_HERE}:{given.port}",
+        f"  MAVProxy        mavproxy.py --master=udpin:{_HERE}:{ground}",
+        f"  QGroundControl  a UDP link that listens on port {ground} (14550: by itself)",
+        "Ctrl-C stops it.",
+    ]
 
 
 def _open_links(given: _Px4, table: ParameterTable, stack: ExitStack) -> list[tuple[Link, str]]:
@@ -141,7 +155,6 @@ def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle
 
 
 def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> None:
-    from tombo_bringup.cli.flight.px4_screen import end_lines, redraw
     from tombo_bringup.cli.tables import scroll
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_px4.protocol.endpoint import serve
@@ -154,11 +167,53 @@ def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> No
 
         def on_step(boot_ns: int, slipped_ns: int) -> None:
             nonlocal over
-            redraw(screen, endpoint, boot_ns, slipped_ns)
+            _redraw(screen, endpoint, boot_ns, slipped_ns)
             over = limit_ns is not None and boot_ns + slipped_ns >= limit_ns
 
         slipped_ns = serve(
             endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), on_step
         )
-        for line in end_lines(endpoint, slipped_ns):
+        for line in _end_lines(endpoint, slipped_ns):
             screen.put(line)
+
+
+def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
+    """Return the vehicle's state in one line."""
+    from tombo_px4.modes import mode_name
+
+    v = endpoint.vehicle
+    x, y, z = (float(p) for p in v.estimate.position)
+    clients = [
+        f"{system}/{component}"
+        for (system, component), when in sorted(endpoint.heard_systems.items())
+        if v.boot_us - when < _RECENTLY_HEARD_US
+    ]
+    words = [
+        f"{boot_ns * 1e-9:7.1f} s",
+        f"{'armed' if v.armed else 'disarmed'}, {mode_name(v.mode)}, "
+        f"{v.landed.name.lower().replace('_', ' ')}",
+        f"x {x:.2f} y {y:.2f} z {z:.2f} m" if v.health.local_position else "no position",
+        f"{v.battery.voltage:.1f} V {100.0 * v.battery.remaining:.0f} %",
+        f"heard {', '.join(clients)}" if clients else "no client connected",
+    ]
+    if slipped_ns:
+        words.append(f"{slipped_ns * 1e-9:.1f} s behind")
+    return " · ".join(words)
+
+
+def _redraw(scroll: Scroll, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
+    """Print new texts, draw the state now and then; called hundreds of times a second."""
+    for severity, text in endpoint.announcer.sent_texts:
+        style = "yellow" if severity <= _SEVERITY_COLOURED else ""
+        scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
+    endpoint.announcer.sent_texts.clear()
+    if scroll.live is not None and scroll.due():
+        scroll.show(state_line(endpoint, boot_ns, slipped_ns))
+
+
+def _end_lines(endpoint: Endpoint, slipped_ns: int) -> Iterator[str]:
+    """Yield how long it ran, and what was refused."""
+    for reason, count in sorted(endpoint.announcer.refused.items()):
+        yield f"  {count} x {reason}"
+    late = f", {slipped_ns * 1e-9:.1f} s behind real time" if slipped_ns else ""
+    yield f"stopped after {endpoint.vehicle.boot_us * 1e-6:.1f} s{late}"
