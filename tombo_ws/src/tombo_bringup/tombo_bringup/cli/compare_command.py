@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from tombo_bringup.cli.options import Copies, Unpacking, argument, command, option, record
-from tombo_bringup.cli.result_files import compute_into
+from tombo_bringup.cli.result_files import Place, compute_into
 from tombo_bringup.cli.tables import show_page
 
 app = typer.Typer()
@@ -41,8 +41,7 @@ def compare(given: _Recordings, unpacking: Unpacking, copies: Copies) -> None:
 
     a, b = given.recordings
     found, folder, _ = compute_into(
-        None if copies.output is None else Path(copies.output),
-        True,
+        None if copies.output is None else Place(Path(copies.output), replace=True),
         (FILE,),
         lambda on_progress: compare_recordings(a, b, given.topics or ()),
         lambda folder, found, _: (folder / FILE).write_text(
