@@ -67,11 +67,13 @@ def by_name(package: Path) -> str:
     return package.name
 
 
-def test_all_packages_carry_one_version():
+def test_all_packages_carry_the_version_of_the_changelog():
     versions = {package.name: manifest(package).findtext("version") for package in PACKAGES}
     for package in PYTHON_PACKAGES:
         versions[f"{package.name}/setup.cfg"] = setup_cfg(package)["metadata"]["version"]
-    assert len(set(versions.values())) == 1, versions
+    newest = re.search(r"^## (\d+\.\d+\.\d+)", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert newest is not None
+    assert set(versions.values()) == {newest[1]}, versions
 
 
 @pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=by_name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -107,3 +108,7 @@ def test_points_of_a_propeller_are_those_of_the_model():
 def test_a_former_name_says_what_replaces_it(name):
     with pytest.raises(AttributeError, match=r"removed, use tombo\.sweep"):
         getattr(tombo, name)
+
+
+def test_the_version_is_that_of_the_installed_package():
+    assert tombo.__version__ == version("tombo")

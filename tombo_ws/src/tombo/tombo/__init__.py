@@ -9,6 +9,7 @@ What `__all__` lists is public; docs/python.md says what that promises.
 """
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -80,6 +81,8 @@ def __getattr__(name: str) -> Any:
         if name in names:
             value = globals()[name] = getattr(import_module(module), names[name])
             return value
+    if name == "__version__":
+        return version("tombo")
     more = f"; it was removed, use {_REMOVED[name]}" if name in _REMOVED else ""
     raise AttributeError(f"module 'tombo' has no attribute {name!r}{more}")
 

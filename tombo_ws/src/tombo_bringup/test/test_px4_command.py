@@ -9,7 +9,7 @@ from px4_process import TOMBO, free_ports, px4_process, read_until
 from pymavlink.dialects.v20 import common as mavlink
 
 from in_time import in_time
-from tombo_bringup.cli.flight.px4_screen import state_line
+from tombo_bringup.cli.flight.px4_command import state_line
 from tombo_px4.bridge.vehicle_parameters import EV_DELAY, FLIGHT_PARAMETERS
 
 

@@ -15,7 +15,7 @@ _SOURCES = (":/*.py", ":/tombo_ws/src")
 
 @cache
 def tombo_version() -> str:
-    """Return the installed version and the commit of its source: "0.1.0+g07d9e2a1b2c3".
+    """Return the installed version and the commit of its source: "0.2.0+g07d9e2a1b2c3".
 
     ".dirty" follows where files differ from that commit, or a source file is not in it. Without
     git, or where the source is in no repository, the version alone; "unknown" when run from

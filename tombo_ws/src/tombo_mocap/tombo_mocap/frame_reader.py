@@ -8,21 +8,19 @@ wait for ever while it connects, and prints to standard output: here both do no 
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import signal
 import sys
 import time
 
-_PR_SET_PDEATHSIG = 1
+from tombo_dynamics.launcher import end_with_parent
 
 
 def main(arguments: list[str]) -> int:
     """Connect, and print every frame until the parent ends; return the exit code."""
     parent, system, options = int(arguments[0]), arguments[1], json.loads(arguments[2])
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # it ended before that
+    if not end_with_parent(parent, signal.SIGKILL):
         return 0
     frames = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)

@@ -21,7 +21,7 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite import nodes, running
-from tombo_flight.suite.node_diagnostics import Loop, node_metrics, too_slow
+from tombo_flight.suite.node_diagnostics import node_metrics, too_slow
 from tombo_flight.suite.node_flight import FlightMonitor
 
 SHORT = ("hover", "--set", "duration=3")
@@ -140,8 +140,8 @@ def test_in_lockstep_there_are_no_figures_of_loops(tmp_path, capsys):
 
 def test_the_recorder_is_judged_by_what_it_loses():
     late = {"rate_hz": 200.0, "jitter_p99_us": 9e3, "runs": 1000, "missed": 30}
-    assert too_slow({"recorder": Loop("loop", late)}, "0") == []
-    assert too_slow({"sim": Loop("loop", late)}, "0") != []
+    assert too_slow({"recorder": late}, "0") == []
+    assert too_slow({"sim": late}, "0") != []
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_the_recorder_is_judged_by_what_it_loses():
 )
 def test_the_verdict_says_when_the_machine_was_too_slow(change, lost, said, capsys):
     good = {"rate_hz": 1000.0, "jitter_p99_us": 400.0, "runs": 1000 - change.get("missed", 0)}
-    found = too_slow({"rate": Loop("rate loop", {"missed": 0, **good, **change})}, lost)
+    found = too_slow({"rate": {"missed": 0, **good, **change}}, lost)
     print_verdict({"too_slow": found})
 
     assert said in " ".join(capsys.readouterr().out.split())

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tombo_bringup.lab_file import read_lab, with_lab
+from tombo_bringup.lab_file import read_lab
 from tombo_dynamics.errors import InputError
 
 LAB = {
@@ -29,29 +29,42 @@ def lab_file(folder: Path, **changes: object) -> Path:
     return path
 
 
-def words(folder: Path, *line: str) -> str:
-    return " ".join(with_lab(line, read_lab(lab_file(folder))))
+def merged(folder: Path, **given: object) -> dict:
+    return read_lab(lab_file(folder)).merged(given)
 
 
 def test_a_flight_gets_vehicle_and_volume(tmp_path):
-    assert words(tmp_path, "fly", "hover", "--seed", "3") == (
-        "fly --vehicle tombo_s500 --set volume.x_min=-1.6 --set volume.x_max=1.7 hover --seed 3"
-    )
+    given = {"vehicle": None, "settings": ["volume.x_max=2.0"], "px4": None, "seed": 3}
+    assert merged(tmp_path, **given) == {
+        "vehicle": "tombo_s500",
+        "settings": ["volume.x_min=-1.6", "volume.x_max=1.7", "volume.x_max=2.0"],
+        "px4": None,
+        "seed": 3,
+    }
+    assert merged(tmp_path, vehicle="mine.yaml") == {"vehicle": "mine.yaml"}
 
 
 def test_px4_gets_url_and_bridge_only_where_it_flies(tmp_path):
-    given = words(tmp_path, "up", "--px4", "--yes")
-    assert "--px4=serial:///dev/ttyUSB0:921600 --yes" in given
-    assert "--bridge px4.tracked_body=lab_1" in given
-    assert '--bridge px4_parameters=["safe", "mocap"]' in given
-    assert "--bridge link.allow_remote=true" in given
-    assert "--bridge" not in words(tmp_path, "up")
-    assert "--px4 udpin://127.0.0.1:5" in words(tmp_path, "fly", "--px4", "udpin://127.0.0.1:5")
+    values = merged(tmp_path, px4="sim", bridge=["link.allow_remote=false"])
+    assert values["px4"] == "serial:///dev/ttyUSB0:921600"
+    assert values["bridge"] == [
+        "px4.tracked_body=lab_1",
+        'px4_parameters=["safe", "mocap"]',
+        "link.allow_remote=true",
+        "link.allow_remote=false",
+    ]
+    assert merged(tmp_path, px4=None, bridge=None)["bridge"] is None
+    url = "udpin://127.0.0.1:5"
+    assert merged(tmp_path, px4=url, bridge=None)["px4"] == url
 
 
 def test_the_motion_capture_is_that_of_the_lab_unless_another_is_named(tmp_path):
-    assert words(tmp_path, "mocap") == "mocap vicon 10.0.0.2 --body lab_1 --up y_up"
-    assert words(tmp_path, "mocap", "mock").endswith("mocap --body lab_1 --up y_up mock")
+    names = ("system", "host", "body", "up", "nose", "frame", "delay", "options")
+    nothing = dict.fromkeys(names)
+    of_lab = merged(tmp_path, **nothing)
+    assert [of_lab[name] for name in names[:5]] == ["vicon", "10.0.0.2", "lab_1", "y_up", "+x"]
+    other = merged(tmp_path, **{**nothing, "system": "mock", "up": "z_up"})
+    assert [other[name] for name in names[:4]] == ["mock", None, "lab_1", "z_up"]
 
 
 def test_a_vehicle_file_is_beside_the_lab_file(tmp_path):
@@ -104,5 +117,5 @@ def test_the_environment_names_the_file_for_commands_that_take_one(tombo, tmp_pa
 
 def test_a_command_that_takes_no_lab_says_so(refused, tmp_path):
     lab_file(tmp_path)
-    refused(("why", "--lab", "lab.yaml", "x.mcap"), "--lab with `tombo why`; accepted: with fly")
+    refused(("why", "--lab", "lab.yaml", "x.mcap"), "No such option: --lab")
     refused(("fly", "--lab", "nowhere.yaml"), "nowhere.yaml")

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 
 import pytest
+import typer
 
+from tombo_bringup.cli.main import application
 from tombo_collision.reactions import REGISTRY as REACTIONS
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
@@ -123,3 +126,11 @@ def test_a_permeable_obstacle_is_warned_of(tombo):
     result = tombo(*words)
     assert result.code == 0
     assert result.err.startswith("Warning: the obstacle is permeable")
+
+
+def test_the_help_lists_few_commands_and_names_all_others(tombo):
+    text = " ".join(re.sub("[^ -~]", " ", tombo("--help").out).split())
+    group = typer.main.get_command(application())
+    listed = [name for name, command in group.commands.items() if not command.hidden]
+    assert len(listed) <= 19
+    assert all(name in text for name in group.commands)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="check",
+    hidden=True,
     no_args_is_help=True,
     help="Look for mistakes of a set-up before a flight.",
     context_settings=options.HELP_OPTIONS,

@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from tombo_bringup.cli.options import Copies, Unpacking, argument, command, option, record
+from tombo_bringup.cli.result_files import Place, compute_into
 from tombo_bringup.cli.tables import show_page
 
 app = typer.Typer()
@@ -39,22 +40,21 @@ def compare(given: _Recordings, unpacking: Unpacking, copies: Copies) -> None:
     from tombo_flight.json_text import as_json as to_json
 
     a, b = given.recordings
-    found = compare_recordings(a, b, given.topics or ())
-    text = to_json(found.as_list())
+    found, folder, _ = compute_into(
+        None if copies.output is None else Place(Path(copies.output), replace=True),
+        (FILE,),
+        lambda on_progress: compare_recordings(a, b, given.topics or ()),
+        lambda folder, found, _: (folder / FILE).write_text(
+            to_json(found.as_list()), encoding="utf-8", newline="\n"
+        ),
+    )
     for line in found.damage:
         typer.echo(f"Damage: {line}", err=True)
-    place = None if copies.output is None else Path(copies.output)
-    if place is not None:
-        from tombo_flight.process.output_folder import open_output
-
-        with open_output(place, replace=True, results=(FILE,)) as staged:
-            (staged / FILE).write_text(text, encoding="utf-8", newline="\n")
-            staged.publish()
     if copies.as_json:
-        typer.echo(text, nl=False)
+        typer.echo(to_json(found.as_list()), nl=False)
     else:
         from tombo_flight.report.comparison import comparison_page
 
         page = comparison_page(found, a, b, fields=bool(given.topics))
-        show_page(page, False, place, (FILE,))
+        show_page(page, False, folder, (FILE,))
     raise typer.Exit(0 if found.equal else 1)

@@ -6,10 +6,9 @@ import datetime
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import typer
-from typer.core import TyperCommand
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
@@ -30,16 +29,8 @@ DIAGNOSE_EXIT_CODES: Final = (
 )
 
 
-class ManyPathsCommand(TyperCommand):
-    """A command with the option --healthy OLD..., which takes all paths up to the next option."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Write --healthy before each of its paths."""
-        return super().parse_args(ctx, spread_paths(args))
-
-
 def spread_paths(args: list[str]) -> list[str]:
-    """Return `--healthy A B --json` as `--healthy A --healthy B --json`."""
+    """Return `--healthy A B --json` as `--healthy A --healthy B --json`: it takes all paths."""
     spread: list[str] = []
     taking = first = False
     for k, arg in enumerate(args):
@@ -75,7 +66,7 @@ class _Diagnosed(options.Logs):
     no_report: bool = option("--no-report", "Write no report.html and no picture.", False)
 
 
-@command(app, lab=True, epilog=DIAGNOSE_EXIT_CODES, cls=ManyPathsCommand)
+@command(app, lab=True, epilog=DIAGNOSE_EXIT_CODES, expand=spread_paths)
 def diagnose(
     given: _Diagnosed,
     known: options.VehicleName,
@@ -113,8 +104,8 @@ def diagnose(
             lambda on_progress: run_change(
                 logs, healthy, reading.mapping, names, sessions, on_progress
             ),
-            lambda folder, both, _: write_report(folder, change_page(*both), pictures=pictures),
             lambda both, folder: change_page(*both),
+            lambda folder, both, _: write_report(folder, change_page(*both), pictures=pictures),
         )
         return
     if given.sessions:
@@ -128,10 +119,10 @@ def diagnose(
         name,
         DIAGNOSIS_FILES,
         lambda on_progress: run(logs, file, reading.mapping, names, on_progress, vehicle),
+        lambda both, folder: diagnosis_page(both[0], str(folder or ""), vehicle or ""),
         lambda folder, both, on_progress: write_diagnosis(
             folder, *both, pictures=pictures, on_progress=on_progress
         ),
-        lambda both, folder: diagnosis_page(both[0], str(folder or ""), vehicle or ""),
     )
 
 

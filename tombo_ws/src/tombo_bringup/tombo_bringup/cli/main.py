@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 from typing import Final
 
 import typer
@@ -41,6 +39,14 @@ _COMMANDS: Final = (
 """Modules of this package; each has a Typer application `app` with its commands."""
 
 
+_MORE: Final = (
+    "Less often used, each with --help: tombo check mocap (mistakes of a motion capture), tombo "
+    "hil (a real PX4 in SITL flies the simulated vehicle), tombo run (one node), tombo workbench "
+    "(a propeller in the browser)."
+)
+"""Commands that the list of all does not show."""
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         from tombo_flight.version import tombo_version
@@ -69,6 +75,7 @@ def application(modules: tuple[str, ...] = _COMMANDS) -> typer.Typer:
         name="tombo",
         help="Fly a quadrotor with Tombo propellers, which fold on impact: the collision "
         "experiment of the paper, headless.",
+        epilog=_MORE,
         context_settings=HELP_OPTIONS,
         callback=spelt_out(_tombo),
         invoke_without_command=True,
@@ -91,26 +98,6 @@ def _modules_of(args: Sequence[str]) -> tuple[str, ...]:
     return _COMMANDS if module is None else (module,)
 
 
-def _with_lab_file(args: list[str]) -> list[str]:
-    """Return a command line with the options of its lab file, `--lab FILE` or TOMBO_LAB."""
-    plain, file = [], os.environ.get("TOMBO_LAB", "")
-    rest = iter(args)
-    named = False
-    for word in rest:
-        option, equals, value = word.partition("=")
-        if option == "--lab":
-            named, file = True, value if equals else next(rest, "")
-        else:
-            plain.append(word)
-    if not file or not plain:
-        return args
-    from tombo_bringup.lab_file import TAKES, read_lab, with_lab
-
-    if not named and plain[0] not in TAKES:
-        return args
-    return with_lab(plain, read_lab(Path(file)))
-
-
 def run(arguments: Sequence[str] | None = None) -> None:
     """Run a command line, that of the process if None, and leave with its exit code."""
     for stream in (sys.stdout, sys.stderr):
@@ -123,7 +110,6 @@ def run(arguments: Sequence[str] | None = None) -> None:
 def _command(args: list[str]) -> object:
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as `tombo_bringup.start` leaves it
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    args = _with_lab_file(args)
     return application(_modules_of(args))(args, prog_name="tombo", standalone_mode=False)
 
 

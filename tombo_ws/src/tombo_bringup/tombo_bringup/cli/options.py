@@ -23,6 +23,7 @@ from typing import (
 )
 
 import typer
+from typer.core import TyperCommand
 
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.params import check_seed
@@ -79,50 +80,66 @@ def argument(metavar: str, text: str, default: Any = ..., **more: Any) -> Any:
 
 
 def command(
-    app: typer.Typer, name: str | None = None, *, lab: bool = False, **settings: Any
+    app: typer.Typer,
+    name: str | None = None,
+    *,
+    lab: bool = False,
+    expand: Callable[[list[str]], list[str]] | None = None,
+    **settings: Any,
 ) -> Callable[..., Any]:
     """Return what makes a function a command of `app`, under its own name or another.
 
     Parameters of the function are records of options, or `typer.Context`; its description is shown
-    with a line a paragraph. `lab`: it takes a lab file (`lab_file.with_lab` has turned it into
-    options by then). `settings` are further ones of the command.
+    with a line a paragraph.
+
+    Args:
+        app: gets the command.
+        name: of the command.
+        lab: it takes a lab file, whose values stand where the command line has none.
+        expand: changes the words of a command line before typer reads them.
+        settings: further ones of the command.
     """
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         text = inspect.cleandoc(function.__doc__ or "").split("\n\n")
         settings.setdefault("help", "\n\n".join(" ".join(part.split()) for part in text))
-        app.command(name, **settings)(spelt_out(function, _LAB if lab else ()))
+        if expand is not None:
+            settings["cls"] = type("ExpandingCommand", (_ExpandingCommand,), {"expand": expand})
+        app.command(name, **settings)(spelt_out(function, lab=lab))
         return function
 
     return register
 
 
-_LAB = (
-    inspect.Parameter(
-        "lab",
-        inspect.Parameter.KEYWORD_ONLY,
-        default=None,
-        annotation=Annotated[
-            str | None,
-            typer.Option(
-                "--lab",
-                metavar="FILE",
-                envvar="TOMBO_LAB",
-                help="A lab file (`tombo lab`), whose settings come before those given here.",
-            ),
-        ],
-    ),
+class _ExpandingCommand(TyperCommand):
+    expand: Callable[[list[str]], list[str]]
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, type(self).expand(args))
+
+
+_LAB = inspect.Parameter(
+    "lab",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=None,
+    annotation=Annotated[
+        str | None,
+        typer.Option(
+            "--lab",
+            metavar="FILE",
+            envvar="TOMBO_LAB",
+            help="A lab file (`tombo lab`), whose settings come before those given here.",
+        ),
+    ],
 )
 
 
-def spelt_out(
-    function: Callable[..., Any], unused: Sequence[inspect.Parameter] = ()
-) -> Callable[..., Any]:
+def spelt_out(function: Callable[..., Any], *, lab: bool = False) -> Callable[..., Any]:
     """Return a function with an argument for each option, as typer reads it.
 
     Args:
         function: each parameter is a record of options, or anything that typer knows.
-        unused: further options, whose values the function does not get.
+        lab: there is the option `--lab`, too.
     """
     records: dict[str, type[Any]] = {}
     parameters: list[inspect.Parameter] = []
@@ -133,18 +150,21 @@ def spelt_out(
             parameters += _parameters(kind)
         else:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    if lab:
+        parameters.append(_LAB)
 
     @functools.wraps(function)
     def call(**given: Any) -> Any:
+        if file := given.pop(_LAB.name, None):
+            from tombo_bringup.lab_file import read_lab
+
+            given = read_lab(Path(file)).merged(given)
         made = {
             name: kind(**{f.name: given.pop(f.name) for f in _options(kind)})
             for name, kind in records.items()
         }
-        for parameter in unused:
-            given.pop(parameter.name)
         return function(**made, **given)
 
-    parameters += unused
     call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     call.__annotations__ = {p.name: p.annotation for p in parameters}
     return call

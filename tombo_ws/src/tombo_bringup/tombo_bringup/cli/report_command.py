@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from tombo_bag.flight import Flight
     from tombo_bringup.cli.progress import ProgressCallback
     from tombo_diagnosis.crash.reason import Why
-    from tombo_flight.process.output_folder import OutputFolder
     from tombo_flight.report.page import Page
 
 app = typer.Typer()
@@ -37,24 +36,19 @@ def report(logs: Logs, reading: Reading, results: Results) -> None:
     """
     from tombo_bringup.cli.result_files import publish
     from tombo_diagnosis.report.log_page import MOST_LOGS, log_page
-    from tombo_flight.report.html import page_html
 
     if len(logs.logs) > MOST_LOGS:
         raise InputError(f"{len(logs.logs)} logs; accepted: 1 to {MOST_LOGS}")
     if results.output is not None and results.output.endswith(".html"):
         raise InputError(f"-o '{results.output}': accepted: a folder; the page in it is {PAGE}")
-    names = reading.names
 
     def compute(on_progress: ProgressCallback) -> Page:
         on_progress("reading", 0.0)
-        flights = read(logs.logs, reading.mapping, names)
+        flights = read(logs.logs, reading.mapping, reading.names)
         return log_page(flights, [reason(flight) for flight in flights])
 
-    def write(folder: OutputFolder, page: Page, on_progress: ProgressCallback) -> None:
-        (folder / PAGE).write_text(page_html(page), encoding="utf-8", newline="\n")
-
     name = f"report-{logs.logs[0].name.split('.')[0]}"
-    publish(results, name, [PAGE], compute, write, lambda page, folder: page)
+    publish(results, name, [PAGE], compute, lambda page, folder: page)
 
 
 def read(logs: list[Path], mapping: str | None, names: dict[str, str]) -> list[Flight]:

@@ -34,11 +34,12 @@ class Place:
     numbered: bool = False
     """It is a new folder, with a number where the name is taken."""
 
-    def open(self) -> AbstractContextManager[OutputFolder]:
-        """Prepare the folder, see `open_output`."""
-        from tombo_flight.process.output_folder import open_output
+    def open(self, *files: str) -> AbstractContextManager[OutputFolder]:
+        """Prepare the folder for files, or for those of a flight; see `open_output`."""
+        from tombo_flight.process.output_folder import RESULT_FILES, open_output
 
-        return open_output(self.path, replace=self.replace, numbered=self.numbered)
+        names = files or RESULT_FILES
+        return open_output(self.path, replace=self.replace, results=names, numbered=self.numbered)
 
 
 def new_run(name: str, seeds: str, settings: Sequence[str], vehicle: str | None) -> Place:
@@ -77,54 +78,63 @@ def check_new_yaml(path: Path, force: bool) -> None:
 
 def publish(
     results: Results,
-    name: str,
+    name: str | None,
     files: Sequence[str],
     compute: Callable[[ProgressCallback], _Found],
-    write: Callable[[OutputFolder, _Found, ProgressCallback], None],
     page: Callable[[_Found, Path | None], Page],
-) -> None:
+    write: Callable[[OutputFolder, _Found, ProgressCallback], object] | None = None,
+) -> tuple[_Found, list[str]]:
     """Compute, write into the folder of -o or a new one under runs/, and show the page.
 
     Args:
         results: where they go; to a new folder not if only JSON is printed.
-        name: of a new folder.
+        name: of a new folder; None: without -o nothing is written.
         files: all names that may be written.
         compute: what is to be found.
-        write: puts it into the folder.
         page: of what was found, and the folder.
+        write: puts it into the folder; by default the page, as JSON or HTML.
+
+    Returns:
+        What was found, and the names that were written.
 
     Raises:
         typer.Exit: a signal came.
         InputError: the folder can't be used.
     """
     from tombo_bringup.cli.tables import show_page
+    from tombo_flight.process.output_folder import write_whole
+    from tombo_flight.report.html import page_html
+    from tombo_flight.report.page import page_json
 
-    new = results.output is None
-    default = None if results.as_json else Path("runs") / plain_name(name)
-    path = default if results.output is None else Path(results.output)
-    found, path, written = compute_into(path, results.force, files, compute, write, numbered=new)
+    def write_pages(folder: OutputFolder, found: _Found, on_progress: ProgressCallback) -> None:
+        for file in files:
+            text = page_json if file.endswith(".json") else page_html
+            write_whole(folder / file, text(page(found, None)))
+
+    place = None
+    if results.output is not None:
+        place = Place(Path(results.output), replace=results.force)
+    elif name is not None and not results.as_json:
+        place = Place(Path("runs") / plain_name(name), numbered=True)
+    found, path, written = compute_into(place, files, compute, write or write_pages)
     shown = page(found, path)
     show_page(shown, results.as_json, None if results.as_json else path, written)
+    return found, written
 
 
 def compute_into(
-    path: Path | None,
-    replace: bool,
-    results: Sequence[str],
+    place: Place | None,
+    files: Sequence[str],
     compute: Callable[[ProgressCallback], _Found],
-    write: Callable[[OutputFolder, _Found, ProgressCallback], None],
-    *,
-    numbered: bool = False,
+    write: Callable[[OutputFolder, _Found, ProgressCallback], object],
 ) -> tuple[_Found, Path | None, list[str]]:
     """Compute, with a progress bar, and write; a signal ends it at once, with nothing written.
 
     Args:
-        path: the folder; None: nothing is written.
-        replace: an earlier folder of results may be replaced.
-        results: all names that may be written.
+        place: the folder; None: nothing is written.
+        files: all names that may be written.
         compute: what is to be found.
         write: puts it into the folder, before that is published.
-        numbered: the folder is a new one, as in `open_output`.
 
     Returns:
         What was found, the folder, and the names that were written.
@@ -134,22 +144,19 @@ def compute_into(
         InputError: the folder can't be used.
     """
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.process.output_folder import open_output
     from tombo_flight.process.stop_signals import Stopped, StopSignals
 
     with StopSignals() as stop:
         try:
             with progress_bar() as on_progress:
-                if path is None:
+                if place is None:
                     with stop.at_once():
                         return compute(on_progress), None, []
-                with open_output(
-                    path, replace=replace, results=results, numbered=numbered
-                ) as folder:
+                with place.open(*files) as folder:
                     with stop.at_once():
                         found = compute(on_progress)
                         write(folder, found, on_progress)
-                    written = [name for name in results if (folder / name).is_file()]
+                    written = [name for name in files if (folder / name).is_file()]
                     folder.publish()
                 return found, folder.path, written
         except Stopped:

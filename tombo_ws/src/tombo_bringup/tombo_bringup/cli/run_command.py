@@ -28,7 +28,7 @@ class _Node:
     node: str = argument("NODE", "As detector_node.")
 
 
-@command(app, "run", context_settings=PASS_ON)
+@command(app, "run", hidden=True, context_settings=PASS_ON)
 def run_executable(ctx: typer.Context, which: _Node) -> None:
     """Start one node, as `ros2 run` does where it is installed.
 

@@ -11,18 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.console import Console, RenderableType
 from rich.live import Live
-from rich.table import Column, Table
 from rich.text import Text
 
 from tombo_bringup.cli.errors import printable
 from tombo_flight.json_text import as_json as as_json_text
 
 if TYPE_CHECKING:
-    from tombo_flight.report.page import Page
-    from tombo_flight.report.page import Table as PageTable
+    from tombo_flight.report.page import Page, Table
 
 _ONE_LINE: Final = 10_000
 """Columns of a console that nobody looks at: no row of a table is wider."""
@@ -38,11 +35,6 @@ def console(**more: Any) -> Console:
     """
     made = Console(**more)
     return made if made.is_terminal else Console(width=_ONE_LINE, **more)
-
-
-def right(*headings: str, **more: Any) -> list[Column]:
-    """Return columns of numbers."""
-    return [Column(heading, justify="right", **more) for heading in headings]
 
 
 def print_names(table: Mapping[str, str], own: str, as_json: bool) -> None:
@@ -72,20 +64,16 @@ def print_parameters(
     if as_json:
         print(json.dumps(entries, indent=1))
         return
-    columns = [Column(heading, no_wrap=True) for heading in (what, "unit")]
-    columns += right(value, "bounds", no_wrap=True)
-    table = Table(*columns, Column("meaning", ratio=1), box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    from tombo_flight.report.page import Table, TableRow
+
+    rows: list[TableRow] = []
     for entry in entries:
-        first, _, _ = entry["doc"].partition("\n")
-        table.add_row(Text(entry["name"], "bold"), "", "", "", Text(first, "bold"))
+        rows.append(TableRow([entry["name"], "", "", "", entry["doc"].partition("\n")[0]], "best"))
         for p in entry["parameters"]:
             bounds = f"{p['bounds'][0]:g} to {p['bounds'][1]:g}" if p["bounds"] else ""
-            name, unit, doc = (
-                Text(text) for text in (f"  {p['name']}", p["unit"] or "", p["doc"])
-            )
             number = "" if p[value] is None else f"{p[value]:g}"
-            table.add_row(name, unit, number, bounds, doc)
-    console().print(table)
+            rows.append(TableRow([f"  {p['name']}", p["unit"] or "", number, bounds, p["doc"]]))
+    print_table(Table((what, "unit", value, "bounds", "meaning"), rows))
 
 
 def show_page(
@@ -110,7 +98,7 @@ def show_page(
         print_line(f"{folder}: {', '.join(files)}")
 
 
-def print_table(table: PageTable) -> None:
+def print_table(table: Table) -> None:
     """Print a table as a page of results shows it."""
     from tombo_flight.report.terminal import print_item
 

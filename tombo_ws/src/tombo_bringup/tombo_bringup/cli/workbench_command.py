@@ -13,6 +13,7 @@ PORT = 8361
 
 @command(
     app,
+    hidden=True,
     epilog="Exit code: 0 after Ctrl-C; 2 for bad input, or where `make workbench` was not run.",
 )
 def workbench(own: OwnLibrary, server: Server) -> None:

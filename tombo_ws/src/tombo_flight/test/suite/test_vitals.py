@@ -8,7 +8,7 @@ from dataclasses import replace
 from rich.console import Console
 
 from tombo_dynamics.messages import Phase
-from tombo_flight.suite.node_diagnostics import NodeDiagnostics
+from tombo_flight.suite.node_diagnostics import NodeDiagnostics, figure
 from tombo_flight.suite.status_table import SuiteState, status_line, status_object, status_table
 from tombo_flight.suite.supervisor import ProcessExit
 
@@ -57,10 +57,10 @@ def test_a_report_has_the_node_and_its_loops_apart():
     assert found.level == 0
     assert found.message == ""
     assert found.values == {"mode": "hold", "mocap_age_s": 0.5}
-    assert [loop.name for loop in found.loops] == ["rate loop", "attitude loop"]
-    assert found.loops[0].number("jitter_p99_us") == 60.5
-    assert found.loops[0].metrics["missed"] == 3
-    assert math.isnan(found.loops[0].number("nothing"))
+    assert list(found.loops) == ["rate loop", "attitude loop"]
+    assert figure(found.loops["rate loop"], "jitter_p99_us") == 60.5
+    assert found.loops["rate loop"]["missed"] == 3
+    assert math.isnan(figure(found.loops["rate loop"], "nothing"))
 
 
 def test_the_freshest_pose_counts_and_nobody_knowing_is_no_number():

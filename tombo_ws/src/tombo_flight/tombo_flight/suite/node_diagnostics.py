@@ -21,24 +21,6 @@ MOCAP_AGE: Final = "mocap_age_s"
 
 
 @dataclass(frozen=True)
-class Loop:
-    """A loop of a node, over its whole life.
-
-    Attributes:
-        name: as `rate loop`.
-        metrics: all that the node says about it, numbers where they are some.
-    """
-
-    name: str
-    metrics: Mapping[str, Any]
-
-    def number(self, key: str) -> float:
-        """Return a figure, NaN if it was not reported."""
-        value = self.metrics.get(key)
-        return float(value) if isinstance(value, int | float) else math.nan
-
-
-@dataclass(frozen=True)
 class NodeStatus:
     """The last report of a node.
 
@@ -46,15 +28,21 @@ class NodeStatus:
         level: 0 well, 1 warning, 2 error.
         message: what is wrong; empty if nothing is.
         values: figures by name, numbers where they are some.
-        loops: its loops.
+        loops: figures of its loops over its whole life, by the loop's name, as `rate loop`.
         heard_s: when it came, on the clock of who listens.
     """
 
     level: int = 0
     message: str = ""
     values: Mapping[str, Any] = field(default_factory=dict)
-    loops: tuple[Loop, ...] = ()
+    loops: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     heard_s: float = -math.inf
+
+
+def figure(loop: Mapping[str, Any], key: str) -> float:
+    """Return a figure of a loop, NaN if it was not reported."""
+    value = loop.get(key)
+    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def lateness_text(late_us: float) -> str:
@@ -89,11 +77,11 @@ class NodeDiagnostics:
             heard_s: when it came; any clock that goes on.
         """
         heads: dict[str, Mapping[str, Any]] = {}
-        loops: dict[str, list[Loop]] = {}
+        loops: dict[str, dict[str, Any]] = {}
         for status in report:
             node, _, loop = str(status["name"]).partition(": ")
             if loop:
-                loops.setdefault(node, []).append(Loop(loop, _numbers(status["values"])))
+                loops.setdefault(node, {})[loop] = _numbers(status["values"])
             else:
                 heads[node] = status
         for node in {**heads, **loops}:
@@ -103,7 +91,7 @@ class NodeDiagnostics:
                 level,
                 str(head.get("message", "")) if level else "",
                 _numbers(head.get("values", {})),
-                tuple(loops.get(node, ())),
+                loops.get(node, {}),
                 heard_s,
             )
 
@@ -157,11 +145,10 @@ def node_metrics(recording: Recording) -> dict[str, Any]:
     node_diagnostics = recorded_diagnostics(recording)
     loops = dict(_loops(node_diagnostics))
     notes = recording.metadata.get(RECORDER_METADATA, {})
-    sim = node_diagnostics.nodes["sim"].values if "sim" in node_diagnostics.nodes else {}
+    sim = node_diagnostics.nodes.get("sim", NodeStatus()).values
     return {
         "loops": {
-            name: {key: loop.metrics.get(key) for key in _METRIC_KEYS}
-            for name, loop in loops.items()
+            name: {key: loop.get(key) for key in _METRIC_KEYS} for name, loop in loops.items()
         },
         "latency_gyro_to_command_us": {
             share: sim.get(f"latency_gyro_to_command_{share}_us") for share in ("p50", "p99")
@@ -175,21 +162,22 @@ def node_metrics(recording: Recording) -> dict[str, Any]:
     }
 
 
-def too_slow(loops: Mapping[str, Loop], lost: str) -> list[str]:
+def too_slow(loops: Mapping[str, Mapping[str, Any]], lost: str) -> list[str]:
     """Return in which ways the machine was too slow for the figures of a flight in real time.
 
     A loop must begin 99 % of its runs within its period, and miss no more than 1 % of them. The
     recorder's loop only empties queues of seconds: of it, no message may be lost.
 
     Args:
-        loops: name → loop; figures that were not reported count as good.
+        loops: name → figures; those that were not reported count as good.
         lost: how many messages the recorder lost, as it wrote it.
     """
     found = []
     for name, loop in loops.items():
         if name == _RECORDER:
             continue
-        late, rate, runs, missed = map(loop.number, ("jitter_p99_us", "rate_hz", "runs", "missed"))
+        names = ("jitter_p99_us", "rate_hz", "runs", "missed")
+        late, rate, runs, missed = (figure(loop, name) for name in names)
         asked = runs + missed
         period_us = 1e6 * runs / (rate * asked) if rate * asked > 0.0 else math.nan
         if late > period_us:
@@ -209,13 +197,12 @@ def _lost_on(notes: Mapping[str, str]) -> dict[str, int]:
     return {topic: int(n) for topic, n in marked.items() if n.isdecimal() and int(n)}
 
 
-def _loops(node_diagnostics: NodeDiagnostics) -> Iterator[tuple[str, Loop]]:
-    """Yield (name, loop): those of the controller by their own names, others by the node's."""
+def _loops(node_diagnostics: NodeDiagnostics) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield (name, figures): those of the controller by their own names, others by the node's."""
     order = {node: place for place, node in enumerate(SUITE)}
     known = sorted(node_diagnostics.nodes.items(), key=lambda item: order.get(item[0], len(order)))
     for node, status in known:
-        own = [loop for loop in status.loops if loop.name != _OWN_LOOP]
-        for loop in own or status.loops:
-            if loop.metrics.get("runs") == 0:
-                continue
-            yield (loop.name.removesuffix(" loop") if own else node), loop
+        own = {name: loop for name, loop in status.loops.items() if name != _OWN_LOOP}
+        for name, loop in (own or status.loops).items():
+            if loop.get("runs") != 0:
+                yield (name.removesuffix(" loop") if own else node), loop

@@ -25,13 +25,7 @@ from tombo_flight.suite.nodes import (
 )
 from tombo_flight.suite.parameter_yaml import bridge_parameters, parameter_yaml, suite_parameters
 from tombo_flight.suite.status_table import SuiteState
-from tombo_flight.suite.supervisor import (
-    ProcessExit,
-    ProcessUpdate,
-    Program,
-    Supervisor,
-    json_object,
-)
+from tombo_flight.suite.supervisor import ProcessExit, Program, Supervisor, json_object
 
 PARAMETERS: Final = "parameters.yaml"
 LOGS: Final = "log"
@@ -170,9 +164,15 @@ class RunningSuite:
     def poll(self, wait_s: float) -> SuiteUpdate:
         """Wait a while for news and return them."""
         poll = self._supervisor.poll(wait_s)
-        flight, px4, answers = self._handle_monitor_output(poll)
+        said = [json_object(line) for _, line in poll.lines]
+        now_s = time.monotonic()
+        for message in said:
+            if "diagnostics" in message:
+                self.node_diagnostics.take(message["diagnostics"], now_s)
+        newest = {key: value for message in said for key, value in message.items()}
+        flight = newest.get("flight")
         if flight:
-            self._flight, self._flight_s = flight, time.monotonic()
+            self._flight, self._flight_s = flight, now_s
         ended = [end for end in poll.ended if end.name != MONITOR]
         self.ended |= {end.name: end for end in ended}
         warnings = list(poll.warnings)
@@ -180,7 +180,8 @@ class RunningSuite:
             if end.name == MONITOR:
                 words = f" ({end.last_log_lines[-1]})" if end.last_log_lines else ""
                 warnings.append((MONITOR, f"ended, {end.exit_text}: no status any more{words}"))
-        return SuiteUpdate(ended, warnings, flight, px4, answers)
+        answers = [message["answer"] for message in said if "answer" in message]
+        return SuiteUpdate(ended, warnings, flight, newest.get("px4"), answers)
 
     def status(self) -> SuiteState:
         """Return the suite as it is now."""
@@ -210,21 +211,6 @@ class RunningSuite:
     def stop(self) -> list[ProcessExit]:
         """End the nodes, and return those that did not end well when asked to."""
         return [end for end in self._supervisor.stop() if end.code != 0 and end.name != MONITOR]
-
-    def _handle_monitor_output(
-        self, poll: ProcessUpdate
-    ) -> tuple[dict[str, Any] | None, dict[str, Any] | None, list[dict[str, Any]]]:
-        """Take in what the monitor says; return the newest state of flight and bridge, answers."""
-        flight = px4 = None
-        answers: list[dict[str, Any]] = []
-        for _, line in poll.lines:
-            said = json_object(line)
-            if "diagnostics" in said:
-                self.node_diagnostics.take(said["diagnostics"], time.monotonic())
-            flight = said.get("flight", flight)
-            px4 = said.get("px4", px4)
-            answers += [said["answer"]] if "answer" in said else []
-        return flight, px4, answers
 
 
 def _programs(config: SuiteConfig) -> Sequence[Program]:

@@ -15,9 +15,9 @@ from rich.text import Text
 from tombo_dynamics.messages import PHASE_NAMES
 from tombo_flight.suite.node_diagnostics import (
     SILENT_S,
-    Loop,
     NodeDiagnostics,
     NodeStatus,
+    figure,
     lateness_text,
 )
 from tombo_flight.suite.supervisor import ProcessExit
@@ -71,6 +71,22 @@ class SuiteState:
             return "starting"
         return "silent" if self.now_s - status.heard_s > SILENT_S else "running"
 
+    def nodes(self) -> dict[str, dict[str, Any]]:
+        """Return each node as plain values, by its name."""
+        nodes = {}
+        for name in self.names:
+            status = self.node_diagnostics.nodes.get(name, NodeStatus())
+            nodes[name] = {
+                "pid": self.pids.get(name),
+                "state": self.state(name),
+                "exit_code": self.ended[name].code if name in self.ended else None,
+                "level": status.level,
+                "faults": status.message,
+                "values": dict(status.values),
+                "loops": {loop: dict(figures) for loop, figures in status.loops.items()},
+            }
+        return nodes
+
 
 def status_table(suite: SuiteState) -> Group:
     """Return the table, a row a loop; below it what nodes say is wrong, on lines of its own."""
@@ -84,66 +100,45 @@ def status_table(suite: SuiteState) -> Group:
     for heading in ("pid", "rate", "p99 late", "missed"):
         table.add_column(heading, justify="right", no_wrap=True)
     faults = []
-    for name in suite.names:
-        state = suite.state(name)
-        status = suite.node_diagnostics.nodes.get(name, NodeStatus())
-        loops = status.loops if name in suite.pids else ()
-        style = _STYLES.get(state, "bold red")
-        pid = str(suite.pids.get(name, ""))
-        if pid and status.level:
-            style_of_fault = _FAULT_STYLES[min(status.level, 2)]
-            faults.append(Text(f"{name}: {status.message}", style_of_fault))
-        first, *others = loops or (Loop("", {}),)
-        table.add_row(
-            Text(name, "bold"), Text(state, style), *_cells(first, pid, alone=not others)
-        )
-        for loop in others:
-            table.add_row("", "", *_cells(loop, "", alone=False))
+    for name, node in suite.nodes().items():
+        runs = node["pid"] is not None
+        if runs and node["level"]:
+            faults.append(Text(f"{name}: {node['faults']}", _FAULT_STYLES[min(node["level"], 2)]))
+        state = Text(node["state"], _STYLES.get(node["state"], "bold red"))
+        head = Text(name, "bold"), state
+        loops = node["loops"] if runs and node["loops"] else {"": {}}
+        pid = str(node["pid"]) if runs else ""
+        for loop, figures in loops.items():
+            table.add_row(*head, "" if len(loops) == 1 else loop, pid, *_cells(figures))
+            head, pid = (Text(), Text()), ""
     return Group(table, *faults)
 
 
 def status_line(suite: SuiteState) -> str:
     """Return the suite in one line: how many run, what is wrong."""
+    nodes = suite.nodes()
+    running = [node for node in nodes.values() if node["pid"] is not None]
+    figures = [figure(loop, "missed") for node in running for loop in node["loops"].values()]
+    missed = sum(int(number) for number in figures if not math.isnan(number))
+    line = f"{suite.uptime_s:.0f} s: {len(running)} of {len(nodes)} nodes run, {missed} missed"
     troubles = []
-    for name in suite.names:
-        state = suite.state(name)
-        status = suite.node_diagnostics.nodes.get(name)
-        if state != "running":
-            troubles.append(f"{name} {state}")
-        elif status is not None and status.level:
-            troubles.append(f"{name}: {status.message}")
-    missed = sum(
-        int(loop.number("missed"))
-        for name in suite.pids
-        for loop in suite.node_diagnostics.nodes.get(name, NodeStatus()).loops
-        if not math.isnan(loop.number("missed"))
-    )
-    running = sum(name in suite.pids for name in suite.names)
-    line = f"{suite.uptime_s:.0f} s: {running} of {len(suite.names)} nodes run, {missed} missed"
+    for name, node in nodes.items():
+        if node["state"] != "running":
+            troubles.append(f"{name} {node['state']}")
+        elif node["level"]:
+            troubles.append(f"{name}: {node['faults']}")
     return "; ".join([line, *([suite.flight_text] if suite.flight else []), *troubles])
 
 
 def status_object(suite: SuiteState) -> dict[str, Any]:
     """Return the suite as plain values."""
-    nodes = {}
-    for name in suite.names:
-        status = suite.node_diagnostics.nodes.get(name, NodeStatus())
-        nodes[name] = {
-            "pid": suite.pids.get(name),
-            "state": suite.state(name),
-            "exit_code": suite.ended[name].code if name in suite.ended else None,
-            "level": status.level,
-            "faults": status.message,
-            "values": dict(status.values),
-            "loops": {loop.name: dict(loop.metrics) for loop in status.loops},
-        }
     return {
         "event": "status",
         "uptime_s": round(suite.uptime_s, 1),
         "phase": _phase(suite.flight) or None,
         "height_m": suite.flight.get("height_m"),
         "height_age_s": round(suite.flight_age_s, 1) if suite.flight else None,
-        "nodes": nodes,
+        "nodes": suite.nodes(),
     }
 
 
@@ -152,11 +147,9 @@ def _phase(flight: Mapping[str, Any]) -> str:
     return "" if phase is None else PHASE_NAMES[phase].replace("_", " ")
 
 
-def _cells(loop: Loop, pid: str, *, alone: bool) -> tuple[Text, ...]:
-    rate, late, missed = (loop.number(key) for key in ("rate_hz", "jitter_p99_us", "missed"))
+def _cells(loop: Mapping[str, Any]) -> tuple[Text, ...]:
+    rate, late, missed = (figure(loop, key) for key in ("rate_hz", "jitter_p99_us", "missed"))
     return (
-        Text("" if alone else loop.name),
-        Text(pid),
         Text("" if math.isnan(rate) else f"{rate:.1f} Hz"),
         Text("" if math.isnan(late) else lateness_text(late)),
         Text("" if math.isnan(missed) else f"{missed:.0f}", "yellow" if missed > 0 else ""),

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from tombo_flight.suite import guard, launcher
+from tombo_dynamics import launcher
+from tombo_flight.suite import guard
 from tombo_flight.suite.node_log import NodeLog
 
 _LAST_S: Final = 1.0

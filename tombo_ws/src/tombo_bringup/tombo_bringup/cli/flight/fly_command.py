@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +13,8 @@ from tombo_bringup.cli.errors import print_warnings
 from tombo_bringup.cli.flight.optional_url import (
     PX4_RULES,
     PX4_SPEED,
-    OptionalUrlCommand,
     Px4Options,
+    expand_url_option,
 )
 from tombo_bringup.cli.options import command, option, record
 from tombo_bringup.cli.result_files import Place, new_run
@@ -25,9 +23,6 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import SEED_LIMIT
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import ProgressCallback
-    from tombo_flight.process.output_folder import OutputFolder
-    from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import Scenario
 
 app = typer.Typer()
@@ -65,7 +60,7 @@ class _Fly:
     no_record: bool = option("--no-record", "Write no flight.mcap.", False)
 
 
-@command(app, lab=True, epilog=EXIT_CODES, cls=OptionalUrlCommand)
+@command(app, lab=True, epilog=EXIT_CODES, expand=expand_url_option)
 def fly(
     scene: options.Scene,
     draw: options.Draw,
@@ -134,16 +129,14 @@ def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
     Raises:
         InputError: not of this form, none, or too many.
     """
-    accepted = f"accepted: A:B with 0 <= A < B, at most {most} flights, as in 0:100"
     found = re.fullmatch(r"([0-9]{1,19}):([0-9]{1,19})", text)
-    if found is None:
-        raise InputError(f"--seeds {text}: not of the form A:B; {accepted}")
-    first, end = int(found[1]), int(found[2])
-    if first >= end:
-        raise InputError(f"--seeds {text}: no seed at all; {accepted}")
-    if end - first > most or end > SEED_LIMIT:
-        raise InputError(f"--seeds {text}: too many; {accepted}")
-    return range(first, end)
+    seeds = range(int(found[1]), int(found[2])) if found else range(0)
+    if not 0 < len(seeds) <= most or seeds.stop > SEED_LIMIT:
+        raise InputError(
+            f"--seeds {text}: accepted: A:B with 0 <= A < B <= {SEED_LIMIT}, at most {most} "
+            "flights, as in 0:100"
+        )
+    return seeds
 
 
 def _propeller(propeller: options.Propeller) -> list[str]:
@@ -159,29 +152,19 @@ def _propeller(propeller: options.Propeller) -> list[str]:
     return options if law is None else [*options, f"propeller.law={law}"]
 
 
-@contextmanager
-def _prepared(
-    scenario: Scenario, place: Place
-) -> Iterator[tuple[OutputFolder, StopSignals, ProgressCallback]]:
-    """Rehearse the scenario, then give folder, signals and progress bar."""
+def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
+    """Rehearse the scenario, fly it, write its files and show its page; return the exit code."""
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.flight_output import warm_up_flight
+    from tombo_flight.flight_output import fly_into, warm_up_flight
     from tombo_flight.process.stop_signals import StopSignals
 
     with progress_bar() as on_progress:
         on_progress("loading", 0.0)
         warm_up_flight(scenario)
         with StopSignals() as stop, place.open() as folder:
-            yield folder, stop, on_progress
-
-
-def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
-    from tombo_flight.flight_output import fly_into
-
-    with _prepared(scenario, place) as (folder, stop, on_progress):
-        flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
-        names = sorted(p.name for p in folder.staging.iterdir())
-        folder.publish()
+            flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
+            names = sorted(p.name for p in folder.staging.iterdir())
+            folder.publish()
     if not as_json and stop.asked() and not flight.summary["interrupted"]:
         typer.echo("Interrupted after the flight: the pictures are not drawn.")
     show_page(flight.page, as_json, None if as_json else folder.path, names)

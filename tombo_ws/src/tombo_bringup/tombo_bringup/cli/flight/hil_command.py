@@ -13,7 +13,6 @@ from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.tables import Scroll
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_px4.hil.lockstep import HilSimulator
     from tombo_sim.world import World
@@ -32,7 +31,7 @@ class _Hil:
     port: int = option("--port N", "TCP port for PX4: 4560 plus its instance.", 4560)
 
 
-@command(app, lab=True, epilog=HIL_EXIT_CODES)
+@command(app, lab=True, hidden=True, epilog=HIL_EXIT_CODES)
 def hil(
     scene: options.Scene,
     given: _Hil,
@@ -91,54 +90,35 @@ def _introduction(world: World, port: int, scenario: str, seed: int) -> str:
 
 
 def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> None:
-    """Run until it is stopped."""
+    """Run until it is stopped; one line of how it is, news above it."""
     from tombo_bringup.cli.tables import scroll
 
     began = time.monotonic()
-    with scroll() as lines:
-        screen = HilScreen(lines)
-        while not stop.asked():
+    over = False
+    with scroll() as screen:
+        while not (over or stop.asked()):
             now_ns = time.monotonic_ns()
             if not one.advance(now_ns):
                 one.wait(now_ns, _WAIT_S)
-            screen.show(one)
-            if duration_s is not None and time.monotonic() - began >= duration_s:
-                break
-        screen.close(one)
+            over = duration_s is not None and time.monotonic() - began >= duration_s
+            for news in one.take_notices():
+                screen.put(f"{'! ' if news.severe else ''}{news.text}")
+            if screen.due():
+                screen.show(_status(one))
+        screen.put(f"stopped after {one.flights} flights")
 
 
-class HilScreen:
-    """One line of how it is, renewed on a terminal, now and then elsewhere; news above it."""
-
-    def __init__(self, scroll: Scroll) -> None:
-        self._scroll = scroll
-
-    def show(self, one: HilSimulator) -> None:
-        """Show what is new; called often."""
-        self._tell_news(one)
-        if self._scroll.due():
-            self._scroll.show(self._status(one))
-
-    def close(self, one: HilSimulator) -> None:
-        """Say how it ended."""
-        self._tell_news(one)
-        self._scroll.put(f"stopped after {one.flights} flights")
-
-    def _status(self, one: HilSimulator) -> str:
-        flight = one.flight
-        parts = [
-            f"{one.phase.value}: flight {one.flights}, {1e-6 * flight.time_us:.1f} s",
-            f"{one.steps} steps",
-            f"{one.missed} missed",
-            "armed" if one.motors.armed else "not armed",
-            f"{flight.simulator.height:.2f} m up",
-        ]
-        if one.wrong_time:
-            parts.append(f"{one.wrong_time} answers with a wrong time")
-        if flight.controls.refused:
-            parts.append(f"{flight.controls.refused} controls out of range")
-        return ", ".join(parts)
-
-    def _tell_news(self, one: HilSimulator) -> None:
-        for news in one.take_notices():
-            self._scroll.put(f"{'! ' if news.severe else ''}{news.text}")
+def _status(one: HilSimulator) -> str:
+    flight = one.flight
+    parts = [
+        f"{one.phase.value}: flight {one.flights}, {1e-6 * flight.time_us:.1f} s",
+        f"{one.steps} steps",
+        f"{one.missed} missed",
+        "armed" if one.motors.armed else "not armed",
+        f"{flight.simulator.height:.2f} m up",
+    ]
+    if one.wrong_time:
+        parts.append(f"{one.wrong_time} answers with a wrong time")
+    if flight.controls.refused:
+        parts.append(f"{flight.controls.refused} controls out of range")
+    return ", ".join(parts)

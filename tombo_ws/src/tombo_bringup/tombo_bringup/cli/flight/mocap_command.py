@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+from typing import Any
 
 import typer
 
@@ -16,46 +17,45 @@ app = typer.Typer()
 
 _FIELDS = {field.name: field for field in dataclasses.fields(MocapParams)}
 _TEXTS = {name: f"{field.metadata['doc'].capitalize()}." for name, field in _FIELDS.items()}
-_DEFAULTS = {name: field.default for name, field in _FIELDS.items()}
+
+
+def _option(name: str, metavar: str) -> Any:
+    default = str(_FIELDS[name].default)
+    return option(f"--{name} {metavar}", _TEXTS[name], show_default=default or False)
 
 
 @record
-class _Source:
-    system: str = argument("SYSTEM", _TEXTS["system"])
-    place: str = argument(
-        "[HOST|TOPIC]", "Address of the motion-capture computer; of system ros a topic.", ""
+class _Mocap:
+    system: str | None = argument("SYSTEM", _TEXTS["system"], None)
+    host: str | None = argument(
+        "[HOST|TOPIC]", "Address of the motion-capture computer; of system ros a topic.", None
     )
-
-
-@record
-class _Body:
-    body: str = option("--body NAME", _TEXTS["body"], _DEFAULTS["body"])
-    up: str = option("--up AXIS", _TEXTS["up"], _DEFAULTS["up"])
-    nose: str = option("--nose AXIS", _TEXTS["nose"], _DEFAULTS["nose"])
-    frame: str = option("--frame ID", _TEXTS["frame"], _DEFAULTS["frame"])
-    delay: float = option("--delay S", _TEXTS["delay"], _DEFAULTS["delay"])
-    settings: list[str] | None = option(
+    body: str | None = _option("body", "NAME")
+    up: str | None = _option("up", "AXIS")
+    nose: str | None = _option("nose", "AXIS")
+    frame: str | None = _option("frame", "ID")
+    delay: float | None = _option("delay", "S")
+    options: list[str] | None = option(
         "--option KEY=VALUE", "A setting of libmotioncapture. May be given many times."
     )
 
 
 @command(app, "mocap", lab=True, epilog="Exit code: 0 when it was stopped, 2 for bad input.")
-def mocap(source: _Source, tracked: _Body) -> None:
+def mocap(given: _Mocap) -> None:
     """Publish the poses of the vehicle's rigid body as /mocap/pose, until it is stopped.
 
     They are in map, of base_link, with the time of their capture, whatever the axes of the system
     are. It is the node mocap_node of tombo_mocap.
     """
-    place = "topic" if source.system == ROS else "host"
-    params = MocapParams(
-        system=source.system, body=tracked.body, up=tracked.up, nose=tracked.nose,
-        frame=tracked.frame, delay=tracked.delay, options=" ".join(tracked.settings or ()),
-        **{place: source.place},
-    )  # fmt: skip
+    values = {name: value for name, value in vars(given).items() if value is not None}
+    values["options"] = " ".join(given.options or ())
+    if given.system == ROS and given.host is not None:
+        values["topic"] = values.pop("host")
+    params = MocapParams(**values)
     params.check()
     words = ["--ros-args"]
-    for name, value in dataclasses.asdict(params).items():
-        if value != _DEFAULTS[name]:
+    for name, value in vars(params).items():
+        if value != _FIELDS[name].default:
             words += ["-p", f"mocap.{name}:={json.dumps(value)}"]  # a body may be called 1
-    sys.stderr.write(f"/mocap/pose from {source.system} {source.place}; Ctrl-C ends it\n")
+    sys.stderr.write(f"/mocap/pose from {given.system} {given.host or ''}; Ctrl-C ends it\n")
     replace_process_by("tombo_mocap", "mocap_node", words)

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
-
-from typer.core import TyperCommand
+from typing import TYPE_CHECKING
 
 from tombo_bringup.cli.options import OptionRule, option, record
 
@@ -65,7 +62,7 @@ class Px4Options:
         return None if self.px4 is None else px4_connection(self.url, self.bridge or [])
 
 
-def expand_url_option(words: Sequence[str]) -> list[str]:
+def expand_url_option(words: list[str]) -> list[str]:
     """Return the arguments with a value for the option.
 
     The word behind it is its value if it looks like a URL (`SCHEME://...`), a device or nothing
@@ -82,11 +79,3 @@ def expand_url_option(words: Sequence[str]) -> list[str]:
             word = f"{OPTION}={rest.pop(0) if given else SIMULATED}"
         found.append(word)
     return found
-
-
-class OptionalUrlCommand(TyperCommand):
-    """A command with this option; gives it a value before typer parses the arguments."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read a command line."""
-        return super().parse_args(ctx, expand_url_option(args))

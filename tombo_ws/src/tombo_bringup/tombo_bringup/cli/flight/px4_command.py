@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
 
 if TYPE_CHECKING:
+    from tombo_bringup.cli.tables import Scroll
     from tombo_flight.scenario import Scenario
     from tombo_px4.autopilot.parameters import ParameterTable
     from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -33,6 +35,9 @@ _OWN, _OWN_GROUND = 40, 4030
 _HIGHEST = 65535
 _HERE = "127.0.0.1"
 _WARM_UP_TICKS = 60
+_RECENTLY_HEARD_US = 3_000_000
+_SEVERITY_COLOURED = 4
+"""MAV_SEVERITY_WARNING: this and graver is coloured."""
 
 
 @record
@@ -70,7 +75,6 @@ def px4(
     MAVSDK, MAVProxy, QGroundControl and the bridge of `tombo fly --px4` can fly it, on this
     machine; from other ones with px4_sim_node and its parameter allow_remote (docs/px4.md).
     """
-    from tombo_bringup.cli.flight.px4_screen import where_to_connect
     from tombo_flight.scenario import load_scenario
     from tombo_px4.autopilot.parameters import ParameterTable
     from tombo_px4.protocol.endpoint import Endpoint
@@ -81,13 +85,9 @@ def px4(
     table = ParameterTable()
     chosen = load_scenario(scene.scenario, settings.settings or [])
     with ExitStack() as stack:
-        links = [
-            (stack.enter_context(closing(link)), streams)
-            for link, streams in _open_links(given, table)
-        ]
+        links = _open_links(given, table, stack)
         vehicle = _vehicle(chosen, draw.seed or 0, table)
-        lines = where_to_connect(_HERE, given.port, given.ground_port)
-        _serve(Endpoint(vehicle, links), duration.duration, lines)
+        _serve(Endpoint(vehicle, links), duration.duration, _where_to_connect(given))
 
 
 def _write_parameters(path: Path) -> None:
@@ -101,32 +101,40 @@ def _write_parameters(path: Path) -> None:
     typer.echo(f"{path}: QGroundControl, Parameters, Tools, Load from file")
 
 
-def _open_links(given: _Px4, table: ParameterTable) -> list[tuple[Link, str]]:
-    from tombo_dynamics.errors import InputError
+def _where_to_connect(given: _Px4) -> list[str]:
+    ground = given.ground_port
+    return [
+        "A simulated PX4 1.17 quadrotor. It exchanges messages with a client that listens at",
+        f"  MAVSDK          udpin://{_HERE}:{given.port}",
+        f"  MAVProxy        mavproxy.py --master=udpin:{_HERE}:{ground}",
+        f"  QGroundControl  a UDP link that listens on port {ground} (14550: by itself)",
+        "Ctrl-C stops it.",
+    ]
+
+
+def _open_links(given: _Px4, table: ParameterTable, stack: ExitStack) -> list[tuple[Link, str]]:
+    """Open the vehicle's links to an on-board client and a ground station, until `stack` ends."""
     from tombo_px4.link.mavlink_link import Link, read_key
 
-    port, ground_port = given.port, given.ground_port
     text = "" if given.key is None else str(given.key)
     secret = read_key(text, lambda warning: typer.echo(f"Warning: {warning}", err=True))
     links: list[tuple[Link, str]] = []
-    try:
-        for number, (own, client, streams) in enumerate(
-            ((port + _OWN, port, "onboard"), (port + _OWN_GROUND, ground_port, "ground"))
-        ):
-            link = Link(
-                f"udpin://{_HERE}:{own}",
-                system=int(table.get("MAV_SYS_ID")),
-                component=int(table.get("MAV_COMP_ID")),
-                clock=time.time_ns,
-                key=secret,
-                link_id=number,
-                default_peer=f"{_HERE}:{client}",
-            )
-            links.append((link, streams))
-    except InputError:
-        for link, _ in links:
-            link.close()
-        raise
+    for number, (own, client, streams) in enumerate(
+        (
+            (given.port + _OWN, given.port, "onboard"),
+            (given.port + _OWN_GROUND, given.ground_port, "ground"),
+        )
+    ):
+        link = Link(
+            f"udpin://{_HERE}:{own}",
+            system=int(table.get("MAV_SYS_ID")),
+            component=int(table.get("MAV_COMP_ID")),
+            clock=time.time_ns,
+            key=secret,
+            link_id=number,
+            default_peer=f"{_HERE}:{client}",
+        )
+        links.append((stack.enter_context(closing(link)), streams))
     return links
 
 
@@ -147,23 +155,65 @@ def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle
 
 
 def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> None:
-    from tombo_bringup.cli.flight.px4_screen import Screen
     from tombo_bringup.cli.tables import scroll
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_px4.protocol.endpoint import serve
 
     limit_ns = None if duration_s is None else round(1e9 * duration_s)
-    with StopSignals(signal.SIGHUP) as stop, scroll() as lines_above:
-        screen = Screen(lines_above)
-        screen.begin(lines)
-        over = False
+    over = False
+    with StopSignals(signal.SIGHUP) as stop, scroll() as screen:
+        for line in lines:
+            screen.put(line)
 
-        def redraw(boot_ns: int, slipped_ns: int) -> None:
+        def on_step(boot_ns: int, slipped_ns: int) -> None:
             nonlocal over
-            screen.redraw(endpoint, boot_ns, slipped_ns)
+            _redraw(screen, endpoint, boot_ns, slipped_ns)
             over = limit_ns is not None and boot_ns + slipped_ns >= limit_ns
 
         slipped_ns = serve(
-            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), redraw
+            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), on_step
         )
-        screen.end(endpoint, slipped_ns)
+        for line in _end_lines(endpoint, slipped_ns):
+            screen.put(line)
+
+
+def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
+    """Return the vehicle's state in one line."""
+    from tombo_px4.modes import mode_name
+
+    v = endpoint.vehicle
+    x, y, z = (float(p) for p in v.estimate.position)
+    clients = [
+        f"{system}/{component}"
+        for (system, component), when in sorted(endpoint.heard_systems.items())
+        if v.boot_us - when < _RECENTLY_HEARD_US
+    ]
+    words = [
+        f"{boot_ns * 1e-9:7.1f} s",
+        f"{'armed' if v.armed else 'disarmed'}, {mode_name(v.mode)}, "
+        f"{v.landed.name.lower().replace('_', ' ')}",
+        f"x {x:.2f} y {y:.2f} z {z:.2f} m" if v.situation.local_position else "no position",
+        f"{v.battery.voltage:.1f} V {100.0 * v.battery.remaining:.0f} %",
+        f"heard {', '.join(clients)}" if clients else "no client connected",
+    ]
+    if slipped_ns:
+        words.append(f"{slipped_ns * 1e-9:.1f} s behind")
+    return " · ".join(words)
+
+
+def _redraw(scroll: Scroll, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
+    """Print new texts, draw the state now and then; called hundreds of times a second."""
+    for severity, text in endpoint.sent_texts:
+        style = "yellow" if severity <= _SEVERITY_COLOURED else ""
+        scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
+    endpoint.sent_texts.clear()
+    if scroll.live is not None and scroll.due():
+        scroll.show(state_line(endpoint, boot_ns, slipped_ns))
+
+
+def _end_lines(endpoint: Endpoint, slipped_ns: int) -> Iterator[str]:
+    """Yield how long it ran, and what was refused."""
+    for reason, count in sorted(endpoint.refused.items()):
+        yield f"  {count} x {reason}"
+    late = f", {slipped_ns * 1e-9:.1f} s behind real time" if slipped_ns else ""
+    yield f"stopped after {endpoint.vehicle.boot_us * 1e-6:.1f} s{late}"

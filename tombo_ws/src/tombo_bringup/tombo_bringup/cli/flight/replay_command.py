@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 
 import typer
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import argument, command, option, record
-from tombo_bringup.cli.tables import show_page
+from tombo_bringup.cli.result_files import publish
 from tombo_dynamics.errors import InputError
 
 app = typer.Typer()
@@ -55,10 +54,8 @@ def replay(
     headers. Parameters are those of the recorded flight if the bag has them; --set changes one
     over them, as detector.threshold=30. With -o also replay.json, over that of an earlier replay.
     """
-    from tombo_flight.process.output_folder import open_output
     from tombo_flight.replay.page import replay_page
     from tombo_flight.replay.run import ReplayRequest, replay_bag
-    from tombo_flight.report.page import page_json
 
     request = ReplayRequest(
         nodes=_nodes(given.nodes or []),
@@ -69,17 +66,13 @@ def replay(
         scenario=given.scenario,
         settings=tuple(settings.settings or ()),
     )
-    place = None if copies.output is None else Path(copies.output)
-    with ExitStack() as stack:
-        folder = None
-        if place is not None:
-            folder = stack.enter_context(open_output(place, replace=True, results=(FILE,)))
-        result = replay_bag(given.bag, request)
-        page = replay_page(result)
-        if folder is not None:
-            (folder / FILE).write_text(page_json(page), encoding="utf-8", newline="\n")
-            folder.publish()
-    show_page(page, copies.as_json, None if copies.as_json else place, (FILE,))
+    result, _ = publish(
+        options.Results(as_json=copies.as_json, output=copies.output, force=True),
+        None,
+        (FILE,),
+        lambda on_progress: replay_bag(given.bag, request),
+        lambda result, folder: replay_page(result),
+    )
     raise typer.Exit(1 if given.strict and result.differences else 0)
 
 

@@ -14,8 +14,8 @@ from tombo_bringup.cli import options
 from tombo_bringup.cli.flight.optional_url import (
     PX4_RULES,
     PX4_SPEED,
-    OptionalUrlCommand,
     Px4Options,
+    expand_url_option,
 )
 from tombo_bringup.cli.options import command, option, record
 
@@ -39,7 +39,7 @@ class _Up:
     )
 
 
-@command(app, lab=True, epilog=UP_EXIT_CODES, cls=OptionalUrlCommand)
+@command(app, lab=True, epilog=UP_EXIT_CODES, expand=expand_url_option)
 def up(
     scene: options.Scene,
     variation: options.Variation,

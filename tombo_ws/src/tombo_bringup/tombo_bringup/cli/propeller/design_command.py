@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from tombo_bringup.cli.options import Copies, Force, Law, OwnLibrary, option, record
-from tombo_bringup.cli.result_files import compute_into
+from tombo_bringup.cli.options import Law, OwnLibrary, Results, option, record
+from tombo_bringup.cli.result_files import publish
 from tombo_propeller.design.limits import DesignLimits
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ class _Design:
 
 
 def design(
-    limits: DesignLimits, law: Law, given: _Design, own: OwnLibrary, force: Force, copies: Copies
+    limits: DesignLimits, law: Law, given: _Design, own: OwnLibrary, results: Results
 ) -> None:
     """Recommend a nodus for a vehicle: matrix, fibres, length and place on the blade.
 
@@ -48,7 +47,6 @@ def design(
     input or output that can't be written; 130 after Ctrl-C, with nothing written.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_bringup.cli.tables import show_page
     from tombo_flight.command_line import command_line
     from tombo_propeller.design.design import blade_of
     from tombo_propeller.design.flight_files import SCENARIO
@@ -72,13 +70,15 @@ def design(
         result = find(request, known, chosen, on_progress)
         return result, recommend(result, range(given.flights), on_progress)
 
-    path, as_json = None if copies.output is None else Path(copies.output), copies.as_json
-    (result, recommendation), folder, written = compute_into(
-        path, force.force, DESIGN_FILES, run,
+    (_, recommendation), written = publish(
+        results,
+        None,
+        DESIGN_FILES,
+        run,
+        lambda both, folder: design_page(*both),
         lambda folder, both, on_progress: write_design(folder.staging, *both, on_progress),
-    )  # fmt: skip
-    show_page(design_page(result, recommendation), as_json, None if as_json else folder, written)
-    if SCENARIO in written and not as_json:
-        typer.echo(f"Fly it: {command_line(('fly', f'{path}/{SCENARIO}'))}")
+    )
+    if SCENARIO in written and not results.as_json:
+        typer.echo(f"Fly it: {command_line(('fly', f'{results.output}/{SCENARIO}'))}")
     if recommendation.index is None:
         raise typer.Exit(INFEASIBLE)

@@ -50,8 +50,8 @@ def diagnose(
         f"stand-{given.tables[0].name.split('.')[0]}",
         STAND_FILES,
         lambda on_progress: run(given, reading.mapping, propeller, model.model, on_progress),
-        lambda folder, stand, _: write_stand(folder, stand, datetime.date.today().isoformat()),
         lambda stand, folder: stand_page(stand),
+        lambda folder, stand, _: write_stand(folder, stand, datetime.date.today().isoformat()),
     )
 
 

@@ -81,17 +81,12 @@ def _refuse_options_before(ctx: typer.Context, command: str) -> None:
 
     for parameter in ctx.command.params:
         source = ctx.get_parameter_source(str(parameter.name))
-        if source is None or source.name != "COMMANDLINE":
-            continue
-        group: Any = ctx.command
-        option = next(name for name in parameter.opts if name.startswith("--"))
-        known = {name for p in group.commands[command].params for name in p.opts}
-        accepted = (
-            f"it after {command}, tombo propeller {command} {option} ..."
-            if option in known
-            else f"options of {command}, after it: {option} is not one"
-        )
-        raise InputError(f"{option} before {command} has no effect; accepted: {accepted}")
+        if source is not None and source.name == "COMMANDLINE":
+            option = next(name for name in parameter.opts if name.startswith("--"))
+            raise InputError(
+                f"{option} before {command} has no effect; accepted: options of {command} after "
+                f"it, tombo propeller {command} --help"
+            )
 
 
 def parse_rpm(text: str) -> list[float]:

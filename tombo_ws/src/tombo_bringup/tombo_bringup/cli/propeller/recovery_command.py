@@ -55,6 +55,6 @@ def recovery(given: _Trace, unpacking: Unpacking, results: Results) -> None:
         f"recovery-{trace.name.split('.')[0]}",
         RECOVERY_FILES,
         lambda on_progress: collisions,
-        lambda folder, collisions, _: write_recovery(folder.staging, read, collisions, page),
         lambda collisions, folder: page,
+        lambda folder, collisions, _: write_recovery(folder.staging, read, collisions, page),
     )

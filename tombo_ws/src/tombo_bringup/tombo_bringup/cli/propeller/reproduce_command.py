@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from tombo_bringup.cli.options import Copies, Force, option, record
-from tombo_bringup.cli.result_files import compute_into
+from tombo_bringup.cli.result_files import Place, compute_into
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.progress import ProgressCallback
-    from tombo_flight.process.output_folder import OutputFolder
     from tombo_propeller.reproduce.reproduction import Reproduction
 
 
@@ -33,13 +32,15 @@ def reproduce(given: _Laws, force: Force, copies: Copies) -> None:
     by law published, its program with all defects, unless --law leaves that out. With -o also
     reproduction.html, reproduction.json and the figures.
     """
-    laws = _checked(given.law)
-    path, as_json = None if copies.output is None else Path(copies.output), copies.as_json
-    names: tuple[str, ...] = ()
-    if path is not None:
-        from tombo_propeller.reproduce.page import REPRODUCTION_FILES
+    from tombo_bringup.cli.tables import show_page
+    from tombo_propeller.reproduce.page import (
+        REPRODUCTION_FILES,
+        reproduction_page,
+        write_reproduction,
+    )
 
-        names = REPRODUCTION_FILES
+    laws = _checked(given.law)
+    place = None if copies.output is None else Place(Path(copies.output), replace=force.force)
 
     def run(on_progress: ProgressCallback) -> Reproduction:
         on_progress("loading", 0.0)
@@ -48,22 +49,14 @@ def reproduce(given: _Laws, force: Force, copies: Copies) -> None:
         on_progress("computing", 0.0)
         return reproduction.reproduce(laws)
 
-    def write(folder: OutputFolder, result: Reproduction, on_progress: ProgressCallback) -> None:
-        from tombo_propeller.reproduce.page import write_reproduction
-
-        write_reproduction(folder, result, on_progress)
-
-    result, _, _ = compute_into(path, force.force, names, run, write)
-    if as_json:
+    result, path, _ = compute_into(place, REPRODUCTION_FILES, run, write_reproduction)
+    if copies.as_json:
         claims = [claim.mapping() for claim in result.claims]
         typer.echo(json.dumps(claims, indent=1, ensure_ascii=False, allow_nan=False))
     else:
-        from tombo_bringup.cli.tables import show_page
-        from tombo_propeller.reproduce.page import reproduction_page
-
-        show_page(reproduction_page(result), as_json)
+        show_page(reproduction_page(result), False)
     if path is not None:
-        typer.echo(f"Read {path / 'reproduction.html'}", err=as_json)
+        typer.echo(f"Read {path / 'reproduction.html'}", err=copies.as_json)
 
 
 def _checked(given: list[str] | None) -> tuple[str, ...]:
