@@ -92,15 +92,16 @@ def test_pairs_hide_two_and_are_never_small():
         assert {label.split(".")[0] for label in case.shift} == set(case.hidden)
 
 
-def test_unknown_forces_are_in_no_registry_and_within_their_bounds():
+def test_unknown_forces_are_in_no_registry_and_of_the_size_that_is_said():
     seen = set()
     for case in of("unknown"):
         (name,) = case.hidden
         seen.add(name)
         assert name not in REGISTRY and not case.shift
-        assert len(case.disturbance) == len(DISTURBANCES[name].params)
-        for value, p in zip(case.disturbance, DISTURBANCES[name].params, strict=True):
-            assert p.bounds[0] <= value <= p.bounds[1]
+        kind = DISTURBANCES[name]
+        for value, (p, typical) in zip(case.disturbance, kind.typical.items(), strict=True):
+            if p in kind.strength and typical:
+                assert 0.8 <= value / typical <= 2.0
     assert seen == set(DISTURBANCES)
 
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tombo_dynamics import disturbance
-from tombo_dynamics.effects.registry import Param
-from tombo_dynamics.errors import InputError, unknown_name
-from tombo_dynamics.params import check_number
 from tombo_dynamics.plant import Plant
 
 
@@ -19,78 +16,42 @@ class Disturbance:
     """A kind of disturbance."""
 
     id: int
-    params: tuple[Param, ...]
-    doc: str
+    strength: tuple[str, ...]
+    """Parameters that scale its force or moment."""
+    typical: Mapping[str, float]
+    """Parameter -> size that clearly matters, in the order of `tombo_dynamics.disturbance`.
+
+    Forces [N], moments [N m], places and lengths in map [m], headings [rad], frequencies [Hz].
+    """
 
 
-_METRE = (-100.0, 100.0)
-_TURN = (-math.pi, math.pi)
-
-DISTURBANCES: dict[str, Disturbance] = {
+DISTURBANCES: Mapping[str, Disturbance] = {
+    # an elastic cord to a fixed point; stiffness [N/m]
     "tether": Disturbance(
-        disturbance.TETHER,
-        (
-            Param("x", "m", 0.0, _METRE, "fixed end in map", 0.0),
-            Param("y", "m", 0.0, _METRE, "fixed end in map", 0.0),
-            Param("z", "m", 0.0, _METRE, "fixed end in map", 0.0),
-            Param("length", "m", 0.0, (0.0, 100.0), "of the slack cord", 1.0),
-            Param("stiffness", "N/m", 0.0, (0.0, 1000.0), "of the cord", 1.5),
-        ),
-        "Elastic cord from the centre of mass to a fixed point.",
+        disturbance.TETHER, ("stiffness",),
+        {"x": 0.0, "y": 0.0, "z": 0.0, "length": 1.0, "stiffness": 1.5},
     ),
     "periodic_push": Disturbance(
-        disturbance.PERIODIC_PUSH,
-        (
-            Param("amplitude", "N", 0.0, (0.0, 50.0), "of the push", 0.6),
-            Param("frequency", "Hz", 0.0, (0.0, 50.0), "of the push", 0.7),
-            Param("heading", "rad", 0.0, _TURN, "direction in map, from x to y", 0.6),
-        ),
-        "Horizontal force that goes to and fro in map.",
+        disturbance.PERIODIC_PUSH, ("amplitude",),
+        {"amplitude": 0.6, "frequency": 0.7, "heading": 0.6},
     ),
-    "thrust_fade": Disturbance(
-        disturbance.THRUST_FADE,
-        (Param("rate", "1/s", 0.0, (0.0, 1.0), "share of thrust lost per second", 0.004),),
-        "Collective thrust is lost with the time since the start, at any voltage.",
-    ),
-    "dry_drag": Disturbance(
-        disturbance.DRY_DRAG,
-        (Param("force", "N", 0.0, (0.0, 50.0), "whatever the speed", 0.5),),
-        "Force of constant size against the velocity in the disc plane.",
-    ),
+    # share of the thrust that is lost in a second [1/s]
+    "thrust_fade": Disturbance(disturbance.THRUST_FADE, ("rate",), {"rate": 0.004}),
+    "dry_drag": Disturbance(disturbance.DRY_DRAG, ("force",), {"force": 0.5}),
     "body_push": Disturbance(
-        disturbance.BODY_PUSH,
-        (
-            Param("x", "N", 0.0, (-50.0, 50.0), "forward", 0.5),
-            Param("y", "N", 0.0, (-50.0, 50.0), "to the left", -0.3),
-            Param("z", "N", 0.0, (-50.0, 50.0), "upward", 0.0),
-        ),
-        "Constant force in body axes, as of rotors that stand askew.",
+        disturbance.BODY_PUSH, ("x", "y", "z"), {"x": 0.5, "y": -0.3, "z": 0.0}
     ),
+    # the force falls to 37 % over `decay`
     "wall_suction": Disturbance(
-        disturbance.WALL_SUCTION,
-        (
-            Param("force", "N", 0.0, (0.0, 50.0), "at the wall", 2.0),
-            Param("decay", "m", 0.5, (0.01, 10.0), "distance over which it falls to 37 %", 0.5),
-            Param("place", "m", 0.0, _METRE, "of the wall, along its heading", 2.0),
-            Param("heading", "rad", 0.0, _TURN, "from the origin to the wall", 0.0),
-        ),
-        "Horizontal force towards a wall, exponential in the distance.",
+        disturbance.WALL_SUCTION, ("force",),
+        {"force": 2.0, "decay": 0.5, "place": 2.0, "heading": 0.0},
     ),
     "yaw_spring": Disturbance(
-        disturbance.YAW_SPRING,
-        (
-            Param("moment", "N m", 0.0, (0.0, 5.0), "at a quarter turn", 0.03),
-            Param("heading", "rad", 0.0, _TURN, "at which it is slack", 1.0),
-        ),
-        "Yaw moment with the sine of the heading, as of a stiff cable.",
+        disturbance.YAW_SPRING, ("moment",), {"moment": 0.03, "heading": 1.0}
     ),
-    "thrust_hysteresis": Disturbance(
-        disturbance.THRUST_HYSTERESIS,
-        (Param("play", "N", 0.0, (0.0, 10.0), "half width of the loop", 0.4),),
-        "Collective thrust trails its changes by a play: less when it rises than when it falls.",
-    ),
-}
-"""Name → shape."""
+    "thrust_hysteresis": Disturbance(disturbance.THRUST_HYSTERESIS, ("play",), {"play": 0.4}),
+}  # fmt: skip
+"""Name -> kind."""
 
 
 def set_disturbance(plant: Plant, name: str, *values: float) -> None:
@@ -102,21 +63,12 @@ def set_disturbance(plant: Plant, name: str, *values: float) -> None:
         values: its parameters in order; without any, the typical ones.
 
     Raises:
-        InputError: an unknown name, too many or too few parameters, or one out of bounds.
+        ValueError: too many or too few parameters.
     """
-    if name not in DISTURBANCES:
-        raise unknown_name("disturbance", name, DISTURBANCES)
-    shape = DISTURBANCES[name]
-    numbers = values or tuple(p.typical for p in shape.params)
-    if len(numbers) != len(shape.params):
-        raise InputError(
-            f"disturbance '{name}': {len(numbers)} parameters; accepted: "
-            + ", ".join(f"{p.name} [{p.unit}]" for p in shape.params)
-        )
-    checked = [
-        check_number(f"disturbance.{name}.{p.name}", value, p.unit, p.bounds)
-        for p, value in zip(shape.params, numbers, strict=True)
-    ]
+    kind = DISTURBANCES[name]
+    numbers = values or tuple(kind.typical.values())
+    if len(numbers) != len(kind.typical):
+        raise ValueError(f"disturbance '{name}': {len(numbers)} values for {list(kind.typical)}")
     plant.disturbance = np.zeros((), plant.disturbance.dtype)
-    plant.disturbance.kind = shape.id
-    plant.disturbance.params[: len(checked)] = checked
+    plant.disturbance.kind = kind.id
+    plant.disturbance.params[: len(numbers)] = numbers

@@ -214,19 +214,14 @@ def _shift(name: str, factor: float, rng: np.random.Generator) -> dict[FreeParam
 
 def _disturbance(name: str, factor: float, rng: np.random.Generator) -> tuple[float, ...]:
     """Return the parameters of a disturbance whose strength is `factor` times its typical one."""
-    strength = {
-        "tether": "stiffness", "periodic_push": "amplitude",
-        "thrust_fade": "rate", "dry_drag": "force", "wall_suction": "force",
-        "yaw_spring": "moment", "thrust_hysteresis": "play",
-    }  # fmt: skip
+    kind = DISTURBANCES[name]
     values = []
-    for p in DISTURBANCES[name].params:
-        value = p.typical
-        if p.name == strength.get(name) or name == "body_push":
+    for parameter, value in kind.typical.items():
+        if parameter in kind.strength:
             value *= factor
-        elif p.name == "heading":
+        elif parameter == "heading":
             value = float(rng.uniform(-np.pi, np.pi))
-        elif p.name == "frequency":
+        elif parameter == "frequency":
             value = float(rng.uniform(0.15, 1.5))
-        values.append(float(np.clip(value, *p.bounds)))
+        values.append(value)
     return tuple(values)

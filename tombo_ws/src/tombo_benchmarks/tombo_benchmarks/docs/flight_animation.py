@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import to_rgb
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
-from tombo_benchmarks.docs.drawn_vehicle import Camera, VehiclePart, circle, vehicle_parts
 from tombo_dynamics.arrays import Array
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
@@ -38,19 +34,17 @@ _CONTACT_S: Final = 0.15
 _STEP_S: Final = 0.1
 _FRAME_MS, _LAST_MS = 100, 1500
 _SIZE_IN, _DPI = (8.0, 4.5), 100
+_SQUARE: Final = (0.0, 0.5 - 8.0 / 9.0, 1.0, 16.0 / 9.0)
+"""Of the axes in the figure: as high as wide, cut by the figure above and below."""
 _COLOURS: Final = 128
-_REACH_M: Final = 0.45
-"""From the path to the limits of the picture: the vehicle's half width, with its names."""
-_GRID_M: Final = 14.0
-_PAINT: Final = {
-    "leg": "#5A6672", "arm": "#2B3742", "motor": "#8A959F", "side": "#26313B", "deck": "#43525F",
-    "nose": "#F2F5F7", "disc": "#6F8CA6", "ghost": "#6F8CA6",
-}  # fmt: skip
-_PAINT_FRONT_LEFT: Final = {
-    **_PAINT, "arm": "#A34700", "disc": style.FRONT_LEFT, "ghost": style.FRONT_LEFT,
-}  # fmt: skip
-_NEARER_M: Final = {"disc": 0.02, "deck": 0.03, "nose": 0.04}
-"""Parts that are drawn over others at the same distance."""
+_REACH_M: Final = 1.0
+"""From the middle of the path to the sides of the picture, beside half of the path."""
+_GRID_M: Final = 6.0
+_POSE: Final = ("position", "attitude", "fold")
+"""Columns of the log that the vehicle is drawn by."""
+_UP: Final = np.array((0.0, 0.0, 1.0))
+_ZOOM: Final = 1.5
+"""Of matplotlib's axes, which leave a margin for labels."""
 
 
 def animation(flight: Flight) -> bytes:
@@ -68,17 +62,16 @@ def animation(flight: Flight) -> bytes:
     airframe, log = DrawnAirframe.of(flight.scenario), flight.log
     frames = []
     with new_figure(*_SIZE_IN, _DPI, font_size=10.0, facecolor="#F4F7F9") as figure:
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        camera = _draw_scene(axes, flight.t[shown], log["position"][shown], milestones)
+        axes: Any = figure.add_axes(_SQUARE, projection="3d", computed_zorder=False)
+        axes.patch.set_visible(False)
+        _draw_scene(axes, flight.t[shown], log["position"][shown], milestones)
         clock = figure.text(0.03, 0.9, "", size=15.0)
         stage = figure.text(0.27, 0.9, "", size=15.0, weight="bold")
         for time_s in _times(contact_s):
             k, after_s = nearest(flight.t, time_s), time_s - contact_s
             clock.set_text(f"{'−' if after_s < 0 else '+'}{abs(after_s):.2f} s")
             stage.set_text(_stage(milestones, time_s))
-            pose = (log[name][k] for name in ("position", "attitude", "fold"))
-            parts = vehicle_parts(airframe, *pose)
-            drawn = _draw_vehicle(axes, camera, parts)
+            drawn = _draw_vehicle(axes, airframe, *(log[n][k] for n in _POSE))
             figure.canvas.draw()
             picture = np.asarray(figure.canvas.buffer_rgba())  # type: ignore[attr-defined]
             image = Image.fromarray(picture[:, :, :3].copy())
@@ -118,99 +111,109 @@ _STAGE_COLOURS: Final = {
 }  # fmt: skip
 
 
-def _draw_scene(axes: Axes, t: Array, path: Array, milestones: FlightMilestones) -> Camera:
-    """Draw what stands still, seen from the side and a little above; return the camera."""
+def _draw_scene(axes: Any, t: Array, path: Array, milestones: FlightMilestones) -> None:
+    """Draw what stands still, seen from the side and a little above."""
     middle = (path.min(axis=0) + path.max(axis=0)) / 2.0
-    heading, lift = np.radians(-70.0), np.radians(12.0)
-    away = (np.cos(lift) * np.cos(heading), np.cos(lift) * np.sin(heading), np.sin(lift))
-    distance_m = max(5.0, 2.2 * float(np.ptp(path, axis=0).max()))
-    camera = Camera(eye=middle + distance_m * np.array(away), target=middle)
+    half_m = float(np.ptp(path, axis=0).max()) / 2.0 + _REACH_M
+    axes.set(
+        **{f"{axis}lim": (c - half_m, c + half_m) for axis, c in zip("xyz", middle, strict=True)}
+    )
+    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=_ZOOM)
+    axes.view_init(elev=12.0, azim=-70.0)
+    axes.set_proj_type("persp", focal_length=0.7)
     axes.set_axis_off()
-    _draw_ground(axes, camera)
+    _draw_ground(axes, np.round(middle))
     if milestones.obstacle is not None:
-        _draw_cylinder(axes, camera, milestones.obstacle)
-    axes.plot(*_flat(camera, path * (1.0, 1.0, 0.0)), color=style.INK, alpha=0.13, lw=1.5)
-    seen = _flat(camera, path).T
-    pieces = np.stack((seen[:-1], seen[1:]), axis=1)
+        _draw_cylinder(axes, milestones.obstacle)
+    axes.plot(*path[:, :2].T, 0.0, color=style.INK, alpha=0.13, lw=1.5, zorder=2)
     colours = [_STAGE_COLOURS[_stage(milestones, float(time_s))] for time_s in t[:-1]]
-    axes.add_collection(LineCollection(list(pieces), colors=colours, linewidths=2.0, zorder=5))
+    pieces = np.stack((path[:-1], path[1:]), axis=1)
+    axes.add_collection(Line3DCollection(pieces, colors=colours, linewidths=2.0, zorder=5))
     if milestones.x_c_m is not None and milestones.x_r_m is not None:
-        above = np.array((milestones.x_c_m, milestones.x_r_m)) + np.array((0.0, 0.0, 0.22))
-        tail, tip = _flat(camera, above).T
-        arrow = {"arrowstyle": "-|>", "color": style.INK, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", tip, tail, arrowprops=arrow, zorder=4)
-        length_m = float(np.linalg.norm(above[1] - above[0]))
+        tail, tip = np.array((milestones.x_c_m, milestones.x_r_m)) + 0.25 * _UP
+        axes.quiver(*tail, *(tip - tail), color=style.INK, lw=1.0, arrow_length_ratio=0.1)
+        length_m = float(np.linalg.norm(tip - tail))
         words = (("$x_c$", tail), ("$x_r$", tip), (f"$n_r$, {length_m:.2f} m", (tail + tip) / 2.0))
         for text, place in words:
-            axes.annotate(text, place, (0, 4), textcoords="offset points", ha="center", zorder=8)
+            axes.text(*(place + 0.04 * _UP), text, ha="center", zorder=8)
     if milestones.contact_point_m is not None:
-        spot = _flat(camera, np.array(milestones.contact_point_m))
-        axes.plot(*spot, marker=(9, 2, 10), ms=20.0, mew=1.2, color=style.VERMILLION, zorder=7)
-    corners = path[:, None] + _REACH_M * np.array(((-1.0, 0.0, -0.8), (1.0, 0.0, 1.4)))
-    low, high = (getattr(_flat(camera, corners.reshape(-1, 3)), end)(axis=1) for end in
-                 ("min", "max"))  # fmt: skip
-    size = float(np.max((high - low) / _SIZE_IN)) * np.array(_SIZE_IN)
-    (left, bottom), (right, top) = (low + high - size) / 2.0, (low + high + size) / 2.0
-    axes.set(xlim=(left, right), ylim=(bottom, top))
-    return camera
+        star = {"marker": (9, 2, 10), "ms": 20.0, "mew": 1.2, "color": style.VERMILLION}
+        axes.plot(*np.array(milestones.contact_point_m)[:, None], **star, zorder=7)
 
 
-def _flat(camera: Camera, points: Array) -> Array:
-    """(N, 3) map points to the rows x, y of the picture."""
-    rows: Array = camera.project(points)[..., :2].T
-    return rows
-
-
-def _draw_ground(axes: Axes, camera: Camera) -> None:
+def _draw_ground(axes: Any, middle: Array) -> None:
     """Draw lines 0.5 m apart that fade with the distance."""
-    along, across = np.meshgrid(np.arange(-_GRID_M, _GRID_M, 0.35),
-                                np.arange(-_GRID_M, _GRID_M, 0.5))  # fmt: skip
+    along, across = np.meshgrid(
+        np.arange(-_GRID_M, _GRID_M, 0.25), np.arange(-_GRID_M, _GRID_M, 0.5)
+    )
     lines = np.stack((along, across, 0.0 * along), axis=-1)
     points = np.concatenate((lines, lines[..., [1, 0, 2]]))
-    far = np.linalg.norm(points[:, :-1], axis=-1) / _GRID_M
-    seen = camera.project(points + np.round(camera.target) * (1.0, 1.0, 0.0))
-    there = (seen[:, :-1, 2] > 0.5) & (far < 0.95)
-    pieces = np.stack((seen[:, :-1, :2], seen[:, 1:, :2]), axis=2)[there]
-    colours = [(0.66, 0.71, 0.76, (1.0 - share) ** 1.5) for share in far[there]]
-    axes.add_collection(LineCollection(list(pieces), colors=colours, linewidths=0.5, zorder=1))
+    fade = np.clip(1.0 - np.linalg.norm(points[:, :-1], axis=-1) / _GRID_M, 0.0, 1.0).ravel()
+    pieces = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
+    pieces += middle * (1.0, 1.0, 0.0)
+    colours = [(0.66, 0.71, 0.76, share**1.5) for share in fade]
+    axes.add_collection(Line3DCollection(pieces, colors=colours, linewidths=0.5, zorder=1))
 
 
-def _draw_cylinder(axes: Axes, camera: Camera, obstacle: DrawnObstacle) -> None:
-    foot = circle(obstacle.radius_m, 0.0, 73) + np.array((obstacle.x_m, obstacle.y_m, 0.0))
-    head = foot + np.array((0.0, 0.0, obstacle.top_m))
-    light = np.array((-0.5, -0.75, 0.6)) / np.linalg.norm((-0.5, -0.75, 0.6))
-    quads, colours = [], []
-    for k, normal in enumerate(circle(1.0, 0.0, 145)[1::2]):
-        if normal @ (camera.eye - foot[k]) > 0.0:
-            quads.append(_flat(camera, np.array((foot[k], foot[k + 1], head[k + 1], head[k]))).T)
-            bright = 0.70 + 0.50 * max(0.0, float(normal @ light))
-            colours.append(np.clip(np.array(to_rgb("#A9B4BF")) * bright, 0.0, 1.0))
-    axes.add_collection(PolyCollection(quads, fc=colours, ec=colours, lw=0.6, zorder=3))
+def _draw_cylinder(axes: Any, obstacle: DrawnObstacle) -> None:
+    foot = _circle(obstacle.radius_m, 73) + np.array((obstacle.x_m, obstacle.y_m, 0.0))
+    head = foot + obstacle.top_m * _UP
+    quads = np.stack((foot[:-1], foot[1:], head[1:], head[:-1]), axis=1)
+    axes.add_collection3d(
+        Poly3DCollection(quads, facecolors="#A9B4BF", edgecolors="#A9B4BF", shade=True, zorder=3)
+    )
 
 
-def _draw_vehicle(axes: Axes, camera: Camera, parts: Sequence[VehiclePart]) -> list[Artist]:
-    """Draw the parts, the farthest first, and the shadows of the discs; return what was drawn."""
-    left, right = axes.get_xlim()
-    points_per_unit = _SIZE_IN[0] * 72.0 / (right - left)
-    drawn: list[Artist] = []
-    for part in parts:
-        if part.kind == "disc":
-            shadow = _flat(camera, part.points_m * (1.0, 1.0, 0.0))
-            drawn += axes.fill(*shadow, color=style.INK, alpha=0.08, lw=0, zorder=2)
+def _draw_vehicle(
+    axes: Any, airframe: DrawnAirframe, position: Array, attitude: Array, fold: Array
+) -> list[Any]:
+    """Draw the vehicle and the shadows of its discs; return what was drawn.
 
-    def depth_m(part: VehiclePart) -> float:
-        return float(camera.project(part.points_m)[:, 2].mean()) - _NEARER_M.get(part.kind, 0.0)
+    A folded wing lies back in the plane of the disc: the disc that it sweeps is smaller.
 
-    for part in sorted(parts, key=depth_m, reverse=True):
-        shape, kind = _flat(camera, part.points_m), part.kind
-        paint = (_PAINT_FRONT_LEFT if part.rotor == FRONT_LEFT else _PAINT)[kind]
-        width = part.thickness_m / depth_m(part) * points_per_unit
-        if kind == "ghost":
-            drawn += axes.plot(*shape, color=paint, lw=0.6, ls=(0, (3, 2)), zorder=6)
-        elif kind == "disc":
-            drawn += axes.fill(*shape, fc=(*to_rgb(paint), 0.34), ec=paint, lw=width, zorder=6)
-        elif kind in ("side", "deck"):
-            drawn += axes.fill(*shape, fc=paint, ec=paint, lw=0.3, zorder=6)
-        else:
-            drawn += axes.plot(*shape, color=paint, lw=width, solid_capstyle="round", zorder=6)
-    return drawn
+    Args:
+        axes: the scene.
+        airframe: lengths of the vehicle.
+        position: (3,) centre of mass, map ENU [m].
+        attitude: (4,) quaternion xyzw, map<-base_link.
+        fold: (4,) fold of each rotor, 0 stretched to 1 folded.
+    """
+    turn = Rotation.from_quat(attitude)
+
+    def put(points: Any) -> Array:
+        placed: Array = position + turn.apply(np.asarray(points, np.float64))
+        return placed
+
+    low, colours = -airframe.leg_height, ["#2B3742"] * 4
+    colours[FRONT_LEFT] = style.FRONT_LEFT
+    sticks: list[tuple[Array, str, float]] = []
+    for y in (-0.11, 0.11):
+        sticks.append((put(((0.0, y / 2, 0.0), (0.0, y, low))), "#5A6672", 2.5))
+        sticks.append((put(((-0.12, y, low), (0.13, y, low))), "#5A6672", 3.0))
+    for (x, y, z), colour in zip(airframe.rotors_m, colours, strict=True):
+        sticks.append((put(((0.2 * x, 0.2 * y, 0.0), (x, y, 0.0))), colour, 5.0))
+        sticks.append((put(((x, y, -0.004), (x, y, z - 0.006))), "#8A959F", 7.0))
+    sticks.append((put(((0.02, 0.0, 0.024), (0.06, 0.0, 0.024))), "#F2F5F7", 3.0))
+    points, paints, widths = zip(*sticks, strict=True)
+    wing = airframe.rotor_radius - airframe.nodus_radius
+    radii = airframe.nodus_radius + wing * (1.0 - np.clip(fold, 0.0, 1.0))
+    rims = [put(hub + _circle(r)) for hub, r in zip(airframe.rotors_m, radii, strict=True)]
+    full = [put(hub + _circle(airframe.rotor_radius)) for hub in airframe.rotors_m]
+    discs = ["#6F8CA6"] * 4
+    discs[FRONT_LEFT] = style.FRONT_LEFT
+    drawn = (
+        Poly3DCollection([r * (1, 1, 0) for r in rims], fc=style.INK, alpha=0.08, zorder=2),
+        Poly3DCollection([put(_circle(0.07, 9) + 0.022 * _UP)], fc="#43525F", zorder=6),
+        Line3DCollection(points, colors=paints, linewidths=widths, zorder=6),
+        Line3DCollection(full, colors=discs, linewidths=0.6, linestyles="dashed", zorder=6),
+        Poly3DCollection(rims, facecolors=discs, edgecolors=discs, alpha=0.4, zorder=6),
+    )
+    for artist in drawn:
+        axes.add_collection3d(artist)
+    return list(drawn)
+
+
+def _circle(radius_m: float, points: int = 49) -> Array:
+    """(points, 3) closed outline of a horizontal circle about the origin."""
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    return radius_m * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=1)

@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tombo_benchmarks.faults.direct_delivery import direct_delivery
+from tombo_collision import reaction_core
 from tombo_collision.params import ReactionLimits
 from tombo_collision.reaction_core import ReactionCore
 from tombo_collision.reaction_memory import begin_reaction
 from tombo_collision.reactions import DEFAULT, REGISTRY
+from tombo_control import controller_core, mission_core
 from tombo_control.controller_core import ControllerCore, begin_controller, reset_inputs
 from tombo_control.mission_core import MissionCore, land_now, take_off
 from tombo_control.params import ControlParams, InputLimits
@@ -99,7 +100,6 @@ _LEG = 0.18
 """m: height of a vehicle that stands."""
 _BOX = 4.0
 """m: half the width of the flight volume."""
-_delivery = direct_delivery((MissionCore, ReactionCore, ControllerCore))
 _MISSION, _REACTION, _CONTROLLER = 1, 2, 4
 """Bits of the cores that live, and hear what is delivered."""
 
@@ -152,9 +152,11 @@ class FaultWorld(Record):
 
 
 class Suite(NamedTuple):
-    """The cores, as `direct_delivery` takes them; then what faults and the judge look at."""
+    """Arguments of the cores' compiled functions; then what faults and the judge look at."""
 
-    arguments: Any
+    of_mission: tuple[Any, Any, Any, Any]
+    of_reaction: tuple[Any, Any]
+    of_controller: tuple[Any, Any, Any, Any]
     mission: Any
     plan: Any
     reaction: Any
@@ -188,7 +190,9 @@ def new_suite(reach_s: float = 14.0) -> Suite:
     )
     autopilot = controller.autopilot
     return Suite(
-        tuple(core.arguments() for core in (mission, reaction, controller)),
+        mission.arguments(),
+        reaction.arguments(),
+        controller.arguments(),
         mission.memory,
         mission.plan,
         reaction.memory,
@@ -230,14 +234,25 @@ def _living(faults: Array, step: int) -> int:
 
 
 @compiled(inline=False)
+def _deliver_odometry(s: Suite, hearers: int, odometry: Any, now: int) -> None:
+    if hearers & _MISSION:
+        mission_core.take_odometry(*s.of_mission, odometry, now)
+    if hearers & _REACTION:
+        reaction_core.take_odometry(*s.of_reaction, odometry, now)
+    if hearers & _CONTROLLER:
+        controller_core.take_odometry(*s.of_controller, odometry, now)
+
+
+@compiled(inline=False)
 def _sense(s: Suite, world: FaultWorld, faults: Array, living: int, step: int, now: int) -> None:
     """Poses, estimate and status, unless they are lost."""
     odometry = world.odometry
     if step % 7 == 0 and not _active(faults, Fault.MOCAP, step):
         world.estimator.pose_stamp_ns = now
-        if not _active(faults, Fault.DETECTOR, step):
-            _delivery.deliver_detector_status(s.arguments, living, world.detector, now)
-        _delivery.deliver_mocap_pose(s.arguments, living, world.pose, now)
+        if living & _REACTION:
+            if not _active(faults, Fault.DETECTOR, step):
+                reaction_core.take_detector_status(*s.of_reaction, world.detector, now)
+            reaction_core.take_pose(*s.of_reaction, world.pose, now)
     if _active(faults, Fault.ESTIMATOR, step) or _active(faults, Fault.IMU, step):
         return
     blind_s = (now - world.estimator.pose_stamp_ns) * 1e-9
@@ -247,9 +262,9 @@ def _sense(s: Suite, world: FaultWorld, faults: Array, living: int, step: int, n
     odometry.velocity = rotated_back(odometry.attitude, world.velocity)
     odometry.stamp_ns = now
     # commands reach a dead mission, too, and it answers by the estimate
-    _delivery.deliver_odometry(s.arguments, living | _MISSION, odometry, now)
-    if step % 4 == 0:
-        _delivery.deliver_estimator_status(s.arguments, living, world.estimator, now)
+    _deliver_odometry(s, living | _MISSION, odometry, now)
+    if step % 4 == 0 and living & _CONTROLLER:
+        controller_core.take_biases(*s.of_controller, world.estimator, now)
 
 
 @compiled(inline=False)
@@ -317,17 +332,33 @@ def _happen(s: Suite, world: FaultWorld, faults: Array, step: int, verdict: Verd
 
 
 @compiled(inline=False)
-def _plan_and_react(s: Suite, faults: Array, living: int, step: int, now: int) -> None:
-    if living & _MISSION:
-        _delivery.step_mission(s.arguments, now)
-        if _active(faults, Fault.SETPOINT_FAR, step):
-            s.mission.setpoint.position[0] += 50.0
-        if _active(faults, Fault.OUT_OF_VOLUME, step):
-            s.mission.setpoint.position[0] = -1.5 * _BOX
-        _delivery.publish_mission(s.arguments, living, now)
-    if living & _REACTION:
-        _delivery.step_reaction(s.arguments, now)
-        _delivery.publish_reaction(s.arguments, living, now)
+def _plan(s: Suite, faults: Array, living: int, step: int, now: int) -> None:
+    """Step the mission; the reaction has its set point at once."""
+    mission = s.mission
+    mission_core.step_mission(*s.of_mission, now)
+    if _active(faults, Fault.SETPOINT_FAR, step):
+        mission.setpoint.position[0] += 50.0
+    if _active(faults, Fault.OUT_OF_VOLUME, step):
+        mission.setpoint.position[0] = -1.5 * _BOX
+    if mission.setpoint_due and living & _REACTION:
+        reaction_core.take_mission_setpoint(*s.of_reaction, mission.setpoint, now)
+    mission.setpoint_due = False
+    mission.status_due = False
+
+
+@compiled(inline=False)
+def _react(s: Suite, living: int, now: int) -> None:
+    """Step the reaction; mission and controller have its messages at once."""
+    reaction = s.reaction
+    reaction_core.reaction_step(*s.of_reaction, now)
+    if reaction.publishes and living & _MISSION:
+        mission_core.take_answer(*s.of_mission, reaction.setpoint, now)
+    if reaction.publishes and living & _CONTROLLER:
+        controller_core.take_setpoint(*s.of_controller, reaction.setpoint, now)
+    reaction.publishes = False
+    if reaction.status_due and living & _MISSION:
+        mission_core.take_reaction(*s.of_mission, reaction.status, now)
+    reaction.status_due = False
 
 
 @compiled(inline=False)
@@ -381,16 +412,22 @@ def fly_faults(s: Suite, world: FaultWorld, faults: Any, steps: int, verdict: Ve
         living = _living(faults, step)
         _sense(s, world, faults, living, step, now)
         if step % 4 == 0:
-            _plan_and_react(s, faults, living, step, now)
+            if living & _MISSION:
+                _plan(s, faults, living, step, now)
+            if living & _REACTION:
+                _react(s, living, now)
         answered = False
         if living & _CONTROLLER and not _active(faults, Fault.IMU, step):
             noise = math.nan if _active(faults, Fault.ACCELEROMETER, step) else 0.0
             for i in range(3):
                 world.imu.accel[i] = world.force[i] + noise
             world.imu.stamp_ns = now
-            _delivery.deliver_imu_data_raw(s.arguments, living, world.imu, now)
+            controller_core.take_imu(*s.of_controller, world.imu, now)
             answered = s.controller.command_due
-            _delivery.publish_controller(s.arguments, living, now)
+            s.controller.command_due = False
+            s.controller.rates_due = False
+            s.controller.attitude_due = False
+            s.controller.contact.due = False
         lift = 0.0
         if answered:
             world.silent = 0
