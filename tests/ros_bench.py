@@ -37,15 +37,23 @@ def failed(item: pytest.Item) -> bool:
     return bool(item.stash.get(FAILED, False))
 
 
-@pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
-    """Set a ROS_DOMAIN_ID of the test's own."""
+@contextlib.contextmanager
+def ros_domain() -> Iterator[int]:
+    """Set a ROS_DOMAIN_ID that no other test has, here and for processes that are started."""
     share = _DOMAINS // _WORKERS
     number = _FIRST_DOMAIN + _WORKER * share + next(_NUMBERS) % share
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    for name, value in local_discovery(os.environ).items():
-        monkeypatch.setenv(name, value)
-    return number
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("ROS_DOMAIN_ID", str(number))
+        for name, value in local_discovery(os.environ).items():
+            environment.setenv(name, value)
+        yield number
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """Set a ROS_DOMAIN_ID of the test's own."""
+    with ros_domain() as number:
+        yield number
 
 
 def die_with_the_test() -> None:

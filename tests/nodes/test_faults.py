@@ -19,12 +19,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from unittest import mock
 
 import pytest
 
 from in_time import NotInTime, in_time
-from ros_bench import Counterpart, NodeProcess, failed
+from ros_bench import Counterpart, NodeProcess, failed, ros_domain
 
 pytest.importorskip("rclpy")
 
@@ -49,7 +48,6 @@ from tombo_bag.topics import (
     TRUE_ODOMETRY,
     TopicSpec,
 )
-from tombo_flight.suite.nodes import local_discovery
 from tombo_msgs.msg import (
     CollisionEvent,
     EstimatorStatus,
@@ -65,7 +63,6 @@ pytestmark = pytest.mark.real_time
 ROOT = Path(__file__).parents[2]
 HEIGHT = 1.5
 NAN = math.nan
-DOMAINS = itertools.count(os.getpid() % 40)
 HOVER = """
 /**:
   ros__parameters:
@@ -262,30 +259,26 @@ class Suite(SimpleNamespace):
 @contextlib.contextmanager
 def hovering(folder: Path) -> Iterator[Suite]:
     """Start the suite and fly it to its hover; end all of it in the end."""
-    environment = {"ROS_DOMAIN_ID": str(60 + next(DOMAINS) % 40)}
-    environment |= local_discovery(os.environ)
     file = folder / "hover.yaml"
     file.write_text(HOVER)
-    changed = mock.patch.dict(os.environ, environment)
-    changed.start()
-    world = Counterpart()
-    made = Suite(world=world, spoiler=Spoiler(world), nodes={}, folder=folder, file=file, mark=0)
-    try:
+    with ros_domain(), contextlib.closing(Counterpart()) as world:
+        made = Suite(
+            world=world, spoiler=Spoiler(world), nodes={}, folder=folder, file=file, mark=0
+        )
         world.subscribe(TRUE_ODOMETRY, DIAGNOSTICS, SETPOINT, REACTION_STATUS, MISSION_STATUS)
         world.subscribe(COLLISION_EVENT)
         made.spoiler.start()
-        for name in NODES:
-            made.start(name)
-        made.rise()
-        yield made
-    finally:
-        made.spoiler.running = False
-        made.spoiler.join()
-        codes = {name: node.end() for name, node in made.nodes.items()}
-        for node in made.nodes.values():
-            node.close()
-        world.close()
-        changed.stop()
+        try:
+            for name in NODES:
+                made.start(name)
+            made.rise()
+            yield made
+        finally:
+            made.spoiler.running = False
+            made.spoiler.join()
+            codes = {name: node.end() for name, node in made.nodes.items()}
+            for node in made.nodes.values():
+                node.close()
     assert set(codes.values()) == {0}, codes
 
 

@@ -7,6 +7,7 @@ import signal
 
 import pytest
 
+from in_time import in_time
 from ros_bench import die_with_the_test
 from tombo_bag.topics import PX4_STATUS, ROTOR_COMMAND, TRUE_ODOMETRY
 from tombo_benchmarks.px4.terminal import Terminal
@@ -16,24 +17,26 @@ pytestmark = pytest.mark.real_time
 pytest.importorskip("rclpy")
 PATIENCE_S = 120.0
 HELPERS = ("mission", "reaction", "detector", "recorder")
+SETTINGS = ("takeoff_time=0.2", "climb_speed=1.0", "height=1.2", "land_time=3000")
 SLOW = ("--speed", "0.4")
 """Without PX4, simulated time: a busy machine flies too."""
 
 
 def up(folder, *arguments):
-    words = ("up", "hover", "--set", "mission.land_time=3000", "-o", "up", "--json", *arguments)
+    settings = [word for value in SETTINGS for word in ("--set", f"mission.{value}")]
+    words = ("up", "hover", *settings, "-o", "up", "--json", *arguments)
     return Terminal(words, folder, PATIENCE_S, die_with_the_test)
 
 
 def wait_for(world, terminal, spec, condition):
     """Wait for a message; a terminal that nobody reads stops the command when it is full."""
-    world.wait_for(spec, condition, patience_s=PATIENCE_S, meanwhile=terminal.read)
+    return world.wait_for(spec, condition, patience_s=PATIENCE_S, meanwhile=terminal.read)
 
 
 def flies(world, terminal, dead):
     """Wait until it hovers, let nodes die, and wait until they have ended."""
     world.subscribe(TRUE_ODOMETRY, PX4_STATUS, ROTOR_COMMAND)
-    wait_for(world, terminal, TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.5)
+    wait_for(world, terminal, TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 1.0)
     nodes = terminal.wait(lambda e: e["event"] == "status")["nodes"]
     for name in dead:
         os.kill(nodes[name]["pid"], signal.SIGKILL)
@@ -41,32 +44,28 @@ def flies(world, terminal, dead):
         assert terminal.wait(lambda e: e["event"] == "ended")["node"] in dead
 
 
-def test_over_px4_it_holds_and_lands_with_all_others_dead(world, tmp_path):
+def test_over_px4_it_holds_lands_and_stops_its_rotors_with_all_others_dead(world, tmp_path):
     with up(tmp_path, "--px4") as terminal:
         flies(world, terminal, HELPERS)
         terminal.press("h")
         assert terminal.answer("hold")["success"]
         terminal.press("l")
         assert terminal.answer("land")["success"]
-        wait_for(world, terminal, PX4_STATUS, lambda m: not m.armed)
-        assert world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position.z < 0.3
-
-
-def test_over_px4_two_strokes_stop_the_rotors_with_all_others_dead(world, tmp_path):
-    with up(tmp_path, "--px4") as terminal:
-        flies(world, terminal, HELPERS)
+        wait_for(world, terminal, PX4_STATUS, lambda m: m.mode == "land")
         terminal.press("kk")
         assert terminal.answer("kill")["success"]
-        wait_for(world, terminal, PX4_STATUS, lambda m: not m.armed)
+        said = wait_for(world, terminal, PX4_STATUS, lambda m: "Disarmed by" in m.status_text)
+        with in_time():
+            assert "landing" not in said.status_text
 
 
-@pytest.mark.parametrize("key", ["h", "l"])
-def test_the_controller_lands_it_with_all_others_dead(world, tmp_path, key):
+def test_the_controller_lands_it_with_all_others_dead(world, tmp_path):
     with up(tmp_path, *SLOW) as terminal:
         flies(world, terminal, HELPERS)
-        terminal.press(key)
-        answer = terminal.answer({"h": "hold", "l": "land"}[key])
-        assert answer["success"] and "controller/abort" in answer["message"], answer
+        for key, request in (("h", "hold"), ("l", "land")):
+            terminal.press(key)
+            answer = terminal.answer(request)
+            assert answer["success"] and "controller/abort" in answer["message"], answer
         wait_for(world, terminal, ROTOR_COMMAND, lambda m: max(m.speed) == 0.0)
         assert world.heard[TRUE_ODOMETRY.name][-1].pose.pose.position.z < 0.3
 

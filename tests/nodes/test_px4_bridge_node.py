@@ -212,6 +212,7 @@ def test_a_flight_with_stamps_that_are_right_on_both_sides(lab, world):
 def test_a_refusal_is_answered_with_px4s_own_words(lab, world):
     lab = lab()
     lab.until(lambda s: s.ready)
+    assert not world.heard[ODOMETRY.name], "the mission begins with the first: it must be good"
     with lab.vehicle.lock:
         lab.px4.refuses[mav.MAV_CMD_COMPONENT_ARM_DISARM] = 1
     answer = lab.call("px4/arm", SetBool, data=True)
@@ -230,24 +231,6 @@ def test_a_refusal_is_answered_with_px4s_own_words(lab, world):
     told(world, "px4_bridge", "link_lost", meanwhile=lab.publish)
     answer = lab.call("px4/land")
     assert not answer.success and "no heartbeat" in answer.message
-
-
-@pytest.mark.real_time
-def test_the_estimate_is_handed_on_once_the_checks_pass(lab, world):
-    """The mission begins with the first estimate: PX4's must be good by then."""
-    lab = lab(parameters={"EKF2_EV_CTRL": 0})
-    lab.until(lambda s: s.connected and any("position is not fused" in f for f in s.findings))
-    lab.run(1.0)
-    assert not world.heard[PX4_STATUS.name][-1].ready
-    heard(world, IMU, meanwhile=lab.publish)
-    assert not world.heard[ODOMETRY.name]
-    with lab.vehicle.lock:
-        lab.set_parameter("EKF2_EV_CTRL", 11)
-    lab.until(lambda s: s.ready)
-    lab.run(1.0)
-    with in_time():
-        assert not world.heard[ODOMETRY.name], "for some seconds on end"
-    heard(world, ODOMETRY, meanwhile=lab.publish)
 
 
 @pytest.mark.real_time

@@ -113,6 +113,7 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
     record = AxesEvidence("2026-11-24T10:00:00+00:00", "lab", "544f4d424f", tilt_rad=(0.0, 0.0))
     proof.write_text(yaml.safe_dump([record.as_mapping()]))
     words = ("fly", "hover", "--px4", url, "--yes", "--domain", str(domain), "-o", "out", "--json")
+    words += ("--set", "mission.height=1.2")
     words += ("--bridge", f"px4.axes_evidence={proof}", "--bridge", "px4.tracked_body=lab")
     command = subprocess.Popen(
         [sys.executable, "-m", "tombo_bringup.cli.main", *words],

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.real_time
 
 pytest.importorskip("rclpy")
 
-SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.5")
+SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.0", "mission.land_speed=0.7")
 """The way to the obstacle begins as soon as the vehicle hovers."""
 FLIGHT = ("--nodes", *(word for setting in SHORT for word in ("--set", setting)))
 

@@ -40,11 +40,25 @@ def pages(language: str) -> list[str]:
     return [name for name, text in TEXTS.items() if blocks(name, language, SAVED.sub("", text))]
 
 
-def run(words: list[str], folder: Path) -> str:
+COMPILED = """
+import numpy, rope
+from tombo_dynamics.effects.compose import new_plant
+from tombo_dynamics.vehicle import VehicleParams
+
+plant = new_plant(VehicleParams())
+plant.state.position[2] = 2.0
+rope.rope(plant, numpy.zeros(4), 80.0, 0.5)
+assert plant.force.tolist() == [0.0, 0.0, -120.0], plant.force
+"""
+"""The effect of CONTRIBUTING as machine code, alone: with a flight's loop it takes a minute."""
+
+
+def run(words: list[str], folder: Path, **environment: str) -> str:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(
-        words, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True
-    )
+        words, cwd=folder, env=os.environ | {"PATH": path} | environment, capture_output=True,
+        text=True,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -67,8 +81,13 @@ def test_python_runs(name, tmp_path):
 def test_saved_files_fly_with_the_commands_of_the_page(name, tmp_path):
     for file, block in SAVED.findall(TEXTS[name]):
         (tmp_path / file).write_text(block, encoding="utf-8")
-    commands = [block for block in blocks(name, "sh") if block.startswith("tombo ")]
-    run(["bash", "-e", "-c", "\n".join(commands)], tmp_path)
+    commands = "".join(block for block in blocks(name, "sh") if block.startswith("tombo "))
+    if name == "CONTRIBUTING.md":
+        run([sys.executable, "-c", COMPILED], tmp_path)
+        climb = f"{commands.rstrip()} --set duration=5"
+        run(["bash", "-e", "-c", climb], tmp_path, NUMBA_DISABLE_JIT="1")
+    else:
+        run(["bash", "-e", "-c", commands], tmp_path)
     summaries = {p.parent.name: json.loads(p.read_text()) for p in tmp_path.rglob("summary.json")}
     if name == "own_collision.md":
         post, up = summaries["post"], summaries["up"]
@@ -80,7 +99,7 @@ def test_saved_files_fly_with_the_commands_of_the_page(name, tmp_path):
         (recorded,) = tmp_path.rglob("flight.mcap")
         with Recording(recorded) as recording:
             height = recording.columns("/ground_truth/odometry")["pose.pose.position.z"]
-        assert height.max() < 1.2, "the rope has not held the vehicle down"
+        assert 0.4 < height.max() < 1.2, "the rope has not held the vehicle down"
 
 
 @pytest.mark.parametrize("name", pages("yaml"))

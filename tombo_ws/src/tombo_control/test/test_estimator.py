@@ -293,11 +293,3 @@ def test_on_the_ground_it_learns_no_velocity_and_no_accelerometer_bias():
     assert (a.state.velocity == 0.0).all()
     assert (a.state.accel_bias == 0.0).all()
     assert np.linalg.norm(a.state.position - POSE[:3]) < 1e-2
-
-
-def test_a_lost_imu_sample_is_ridden_out():
-    spoilt = motion(8.0)
-    spoilt.imu[2000:7000:100] = math.nan
-    _, out = estimate(spoilt)
-    assert np.isfinite(out).all()
-    assert error(spoilt, out)[0] < 0.02

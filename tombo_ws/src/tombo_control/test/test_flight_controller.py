@@ -277,21 +277,6 @@ def test_refused_estimates_leave_it_blind(bench: _Bench) -> None:
 
 
 @pytest.mark.slow
-def test_without_poses_it_comes_down_gently_and_stays_down(flight: Lockstep) -> None:
-    flight.mocap_on = False
-    rows = flight.fly(12.0)
-    down = int(np.argmax(rows[:, 2] < 0.185))
-    assert 3000 < down < 8000
-    assert -rows[:down, 5].min() <= 0.5
-    assert np.linalg.norm(rows[:5000, :2], axis=1).max() < 1.5
-    assert not flight.command.speed.any(), "down, the rotors stop"
-    assert np.linalg.norm(rows[-1, :2] - rows[down, :2]) < 0.3, "it does not slide"
-    flight.mocap_on = True
-    flight.fly(5.0)
-    assert not flight.command.speed.any(), "and no estimate starts them again"
-
-
-@pytest.mark.slow
 def test_old_poses_behind_fresh_odometry_are_not_flown_on(flight: Lockstep) -> None:
     flight.mocap_on = False
     flight.fly(0.2)

@@ -41,9 +41,7 @@ TRIM = {"mocap_body_misalignment": {"pitch": 0.087}, "quadratic_body_drag": {"c_
 """A body that was defined leaning by 5 deg, and drag that grows faster than the speed."""
 
 
-@pytest.mark.parametrize(
-    ("speed", "heading"), [(2.0, 1.0), (3.0, 4.0), (4.2, 0.0), (6.0, 5.5), (8.5, 3.1), (12.0, 2.0)]
-)
+@pytest.mark.parametrize(("speed", "heading"), [(2.0, 1.0), (4.2, 0.0), (12.0, 2.0)])
 def test_wind_on_a_trimmed_vehicle_is_wind_or_unknown_and_its_speed_is_covered(speed, heading):
     east, north = speed * np.cos(heading), speed * np.sin(heading)
     before = checked(TRIM, 1, 2)

@@ -24,7 +24,7 @@ SILENT = {name: values for name, values in HEALTHY.items() if name not in NOISES
     "mocap_latency": {"delay": 0.010}
 }
 """The same without any chance."""
-LENGTH = 22.0
+LENGTH = 15.0
 """s"""
 BEGIN = 3.2
 """s: at height from here on."""

@@ -98,7 +98,7 @@ def test_a_single_short_flight_says_what_it_can_not_certify():
 
 
 def test_a_single_flight_is_cut_into_parts_that_are_held_out_in_turn():
-    (log,) = logs(WIND, count=1)
+    (log,) = logs(WIND, count=1, length=22.0)
     diagnosis = diagnose([log], nominal())
     assert len(diagnosis.flights) >= 2
     assert all(flight.name.startswith(log.name) for flight in diagnosis.flights)
@@ -162,12 +162,10 @@ def in_mm(log):
 
 
 def test_a_flight_that_contradicts_itself_costs_only_itself(monkeypatch):
-    one, two, three = logs(WIND, count=3)
-    monkeypatch.setattr(
-        diagnose_module, "read_logs", lambda paths, **more: [one, in_mm(two), three]
-    )
+    one, two = logs(WIND, count=2)
+    monkeypatch.setattr(diagnose_module, "read_logs", lambda paths, **more: [one, in_mm(two)])
     diagnosis, _ = diagnose_module.diagnose_files([Path("flights")], nominal())
-    assert [f.name for f in diagnosis.flights] == [one.name, three.name]
+    assert all(f.name.startswith(one.name) for f in diagnosis.flights)
     assert diagnosis.verdict == "named" and {c.effect for c in diagnosis.causes} == set(WIND)
     (why,) = [f for f in diagnosis.prechecks if f.flight == two.name]
     assert (why.check, why.severity) == ("refused", "fault") and "mm declared as m" in why.message

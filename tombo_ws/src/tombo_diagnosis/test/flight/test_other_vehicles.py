@@ -152,7 +152,9 @@ def test_thrust_that_comes_late_is_not_called_a_wrong_stamp():
 def test_wind_on_a_vehicle_without_a_file_is_named_with_its_speed():
     """No drag is known of it, so no wind can act on it: the log's own check says that one does."""
     hidden = {"steady_wind": {"east": -6.0, "north": 5.0}}
-    flights = [check_log(as_other(log, gain=0.4)) for log in logs(hidden, sensors="imu")]
+    flights = [
+        check_log(as_other(log, gain=0.4)) for log in logs(hidden, sensors="imu", length=22.0)
+    ]
     assert all("wind" in {f.check for f in flight.findings} for flight in flights)
     assert calibrated(flights)[0].effects["linear_rotor_drag"]["d_xy"] > 0.1
     diagnosis = diagnose(flights, nominal())

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_flights import HEALTHY, LIVELY, ROTOR_DRAWS, as_log, fly, logs, with_hidden
+from measured_flights import HEALTHY, LIVELY, ROTOR_DRAWS, SLOW, as_log, fly, logs, with_hidden
 
 from tombo_bag.flight import Series
 from tombo_diagnosis.flight import vehicle_fit
@@ -68,16 +68,12 @@ def test_each_flight_was_asked_back_against_the_others(fitted):
 
 
 def test_accused_healthy_flights_lower_the_confidence(flights, fitted):
-    def most(accused):
-        healthy = replace(fitted.file.healthy, accused=accused)
-        file = replace(fitted.file, healthy=healthy)
-        diagnosis = diagnose(held_against(flights[:1], file), nominal_model(vehicle=file))
-        return diagnosis.confidence
-
-    assert most(0) <= 4.0 / 5.0 and most(3) <= 1.0 / 5.0
+    file = replace(fitted.file, healthy=replace(fitted.file.healthy, accused=3))
+    diagnosis = diagnose(held_against(flights[:1], file), nominal_model(vehicle=file))
+    assert diagnosis.confidence <= 1.0 / 5.0
 
 
-def test_an_accused_flight_is_counted_and_reported(flights, base, monkeypatch):
+def test_an_accused_flight_is_counted_and_reported(base, monkeypatch):
     def diagnosed(logs, nominal):
         diagnosis = types.SimpleNamespace(verdict="none", summary="")
         if logs[0].name == "flight 2":
@@ -86,17 +82,16 @@ def test_an_accused_flight_is_counted_and_reported(flights, base, monkeypatch):
         return diagnosis, None
 
     monkeypatch.setattr(vehicle_fit, "diagnose_flights", diagnosed)
-    result = fit_vehicle(flights[:2], base)
+    result = fit_vehicle(logs(courses=SLOW, count=2, length=12.0), base)
     assert dict(result.accused) == {"flight 2": "mass error"}
     assert (result.file.healthy.left_out, result.file.healthy.accused) == (2, 1)
 
 
 def test_rotors_that_differ_from_flight_to_flight_are_healthy(base):
     effects = with_hidden(HIDDEN | {"thrust_scatter": {"deviation": 0.06}})
-    turned = np.r_[ROTOR_DRAWS[[1, 0, 3, 2]], ROTOR_DRAWS[4:]]
     flights = [
         as_log(fly(effects, LIVELY[k % 2], 300 + k, draws=draws), f"flight {k + 1}")
-        for k, draws in enumerate((ROTOR_DRAWS, -ROTOR_DRAWS, turned))
+        for k, draws in enumerate((ROTOR_DRAWS, -ROTOR_DRAWS))
     ]
     result = fit_vehicle(flights, base)
     assert 0.03 < result.file.healthy.spread["thrust_scatter.deviation"] < 0.15
@@ -105,7 +100,7 @@ def test_rotors_that_differ_from_flight_to_flight_are_healthy(base):
 
 def test_a_change_of_a_fitted_vehicle_is_still_found(fitted):
     """What is usual of healthy flights does not swallow a tenth more mass."""
-    laden = logs(HIDDEN | {"mass_error": {"fraction": 0.12}}, seed=2, count=2)
+    laden = logs(HIDDEN | {"mass_error": {"fraction": 0.12}}, seed=2, count=1)
     file = fitted.file
     diagnosis = diagnose(held_against(laden, file), nominal_model(vehicle=file))
     assert diagnosis.verdict != "none"
@@ -133,15 +128,16 @@ def test_a_small_vehicle_gets_small_tolerances():
     assert load.tolerance < 0.02 * small.vehicle.mass
 
 
-@pytest.mark.parametrize("file", ["px4_x500", "crazyflie_2_1"])
-def test_poses_alone_are_accepted_with_an_own_vehicle(file):
+@pytest.mark.parametrize("airframe", [False, True])
+def test_poses_alone_are_accepted_with_an_own_vehicle(airframe):
     """As with the suite's own: thrust from the track."""
     (log,) = logs(count=1, sensors="poses")
     bare = log.with_series({k: log.series[k] for k in ("position", "attitude")})
-    vehicle = read_vehicle(file)
-    for each in held_against([bare], vehicle)[0], replace(bare, airframe=airframe_of(vehicle)):
-        diagnosis = diagnose([each], nominal_model(vehicle=vehicle))
-        assert diagnosis.vehicle == vehicle.name and "thrust from the track" in diagnosis.model
+    vehicle = read_vehicle("px4_x500")
+    own = replace(bare, airframe=airframe_of(vehicle))
+    each = own if airframe else held_against([bare], vehicle)[0]
+    diagnosis = diagnose([each], nominal_model(vehicle=vehicle))
+    assert diagnosis.vehicle == vehicle.name and "thrust from the track" in diagnosis.model
 
 
 def test_the_file_holds_what_was_fitted_and_what_healthy_flights_leave(fitted):
