@@ -1,11 +1,12 @@
 """What the extended model gains in flights that neither named nor fitted it."""
 
 import math
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
-from measured_flights import nominal, tracks
+from measured_flights import nominal
+from measured_flights import tracks as flown
 
 from tombo_diagnosis.engine.model_selection import search
 from tombo_diagnosis.flight.cross_validation import (
@@ -18,6 +19,8 @@ from tombo_diagnosis.flight.fit.problem import FlightProblem
 
 pytestmark = pytest.mark.slow
 
+tracks = partial(flown, length=22.0)
+"""Windows of a second are compared: it takes some."""
 DRAG = {"linear_rotor_drag": {"d_xy": 0.7}}
 BALANCED = np.zeros(8)
 """Rotors that are alike: what others differ by turns a vehicle that is let go more than drag."""

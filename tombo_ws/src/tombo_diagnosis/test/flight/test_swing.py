@@ -9,6 +9,9 @@ from tombo_diagnosis.flight.diagnose import diagnose
 
 pytestmark = pytest.mark.slow
 
+LENGTH = 22.0
+"""s: eight swings."""
+
 EAST, NORTH, SWING, FREQUENCY = 3.0, -1.5, 0.6, 0.37
 WIND = {
     "steady_wind": {
@@ -21,7 +24,7 @@ WIND = {
 @pytest.mark.parametrize(("count", "sensors"), [(1, "imu_rpm"), (2, "mocap_rpm")])
 def test_mean_amplitude_and_frequency_are_told(count, sensors):
     """To a tenth of the mean speed, and 0.01 Hz."""
-    diagnosis = diagnose(logs(WIND, seed=3, count=count, sensors=sensors), nominal())
+    diagnosis = diagnose(logs(WIND, 3, count, sensors, length=LENGTH), nominal())
     assert diagnosis.verdict == "named"
     (cause,) = diagnosis.causes
     assert cause.effect == "steady_wind" and cause.confidence > 0.9
@@ -47,7 +50,7 @@ GUSTS = {"deviation": 0.9, "time": 0.8}
     ids=["gusts", "push", "tether"],
 )
 def test_other_forces_are_no_swing_of_the_wind(hidden, more):
-    diagnosis = diagnose(logs(hidden, seed=6, **more), nominal())
+    diagnosis = diagnose(logs(hidden, seed=6, length=LENGTH, **more), nominal())
     named = {f.name for c in diagnosis.causes for f in c.theta}
     assert not named & {"swing_east", "swing_north", "frequency"}
     if not hidden:
