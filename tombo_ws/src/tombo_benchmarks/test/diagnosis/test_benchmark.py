@@ -1,6 +1,6 @@
 """A case of the blind benchmark, whole: what is hidden is found, with its size.
 
-How often a healthy vehicle is accused is a rate: `test_benchmark_slice` asks several.
+How often a healthy vehicle is accused is a rate: `test_benchmark_slice` asks twelve.
 """
 
 import json
@@ -22,7 +22,7 @@ def row():
     cases = (make_case(SEED, number) for number in range(400))
     like = ("single", "large", "mocap_rpm")
     number = next(c.number for c in cases if (c.kind, c.size, c.formulation) == like)
-    return examine(SEED, number, flights=2, course_s=8.0)
+    return examine(SEED, number)
 
 
 def test_a_large_effect_is_found(row):
