@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from fault_kinds import FAULTS, SIZES
 
 from tombo_benchmarks.diagnosis.flight_cases import make_case
 from tombo_benchmarks.diagnosis.flight_simulation import simulate_case
-from tombo_benchmarks.diagnosis.log_faults import FAULTS, SIZES
 from tombo_diagnosis.flight.diagnose import diagnose
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.errors import InputError

@@ -24,14 +24,8 @@ from tombo_dynamics.effect_registry import HEALTHY_SPREAD
 from tombo_dynamics.effects import REGISTRY, Effect, Stage
 from tombo_dynamics.errors import InputError
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
-from tombo_propeller.reproduce.page import (
-    KINDS,
-    checks_summary,
-    computed_text,
-    headline,
-    verdict_text,
-)
-from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
+from tombo_propeller.reproduce.page import KINDS, computed_text, verdict_text
+from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, checks_summary, headline
 from tombo_sim.wiring import CORES, OPERATOR
 
 

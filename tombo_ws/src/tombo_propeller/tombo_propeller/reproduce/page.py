@@ -22,7 +22,7 @@ from tombo_flight.report.page import (
 )
 from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, OPEN, Claim
 from tombo_propeller.reproduce.plots import FIGURES
-from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction
+from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, checks_summary, headline
 
 if TYPE_CHECKING:
     from tombo_flight.process.output_folder import OutputFolder
@@ -168,31 +168,6 @@ def computed_text(claim: Claim) -> str:
     if len(values) == 1:
         return f"{values.pop()} in every law" if len(claim.computed) > 1 else values.pop()
     return ", ".join(f"{law} {with_unit(v, claim.unit)}" for law, v in claim.computed.items())
-
-
-def headline(r: Reproduction) -> str:
-    """Return the outcome in one sentence."""
-    counts = r.counts()
-    some = sum(c.verdict == HOLDS and c.disputed for c in r.claims if c.kind != "check")
-    where = f" ({some} of them not in every law)" if some else ""
-    return (
-        f"Of the paper’s {sum(counts.values())} claims {_plural(counts[HOLDS], 'hold')}{where}, "
-        f"{_plural(counts[FAILS], 'fail')}, {counts[OPEN]} can’t be checked"
-    )
-
-
-def _plural(count: int, verb: str) -> str:
-    return f"{count} {verb}{'s' if count == 1 else ''}"
-
-
-def checks_summary(r: Reproduction) -> str:
-    """Return how our own checks came out, in one sentence."""
-    counts = r.counts(checks=True)
-    return (
-        f"Of our own {sum(counts.values())} checks of its printed figures "
-        f"{_plural(counts[HOLDS], 'hold')}, {_plural(counts[FAILS], 'fail')}, "
-        f"{counts[OPEN]} can’t be decided."
-    )
 
 
 def _summary(r: Reproduction) -> str:

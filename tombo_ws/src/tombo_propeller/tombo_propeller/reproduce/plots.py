@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import RPM, Operation, configuration, evaluate, valid_speed
 from tombo_flight.report import style
-from tombo_propeller.reproduce.claims.claim import FAILS, HOLDS, OPEN
+from tombo_propeller.reproduce.claims.claim import FAILS, HOLDS
 from tombo_propeller.reproduce.computed_values import collapse
-from tombo_propeller.reproduce.reproduction import Reproduction
+from tombo_propeller.reproduce.reproduction import Reproduction, checks_summary, headline
 
 _LAW_MARKS: Final = {"published": "o", "repaired": "s", "consistent": "D"}
 _CONF_COLOURS: Final = {0: style.MUTED, 1: style.ORANGE, 2: style.PURPLE, 3: style.SKY}
@@ -77,11 +77,7 @@ def curves(r: Reproduction) -> Figure:
 @_styled
 def overview(r: Reproduction) -> Figure:
     """Draw six findings on one sheet: what docs/reproduction.md shows."""
-    counts = r.counts()
-    title = (
-        f"The paper, recomputed: of its {sum(counts.values())} claims {counts[HOLDS]} hold, "
-        f"{counts[FAILS]} fail, {counts[OPEN]} can't be checked"
-    )
+    title = f"{headline(r)}.\n{checks_summary(r)}"
     figure, panels = _sheet(title, 2, 3, (15.0, 8.2))
     _table_3_ratio(panels[0], r)
     panels[0].legend(ncols=2, loc="upper right")

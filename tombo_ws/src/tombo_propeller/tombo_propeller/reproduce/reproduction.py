@@ -69,3 +69,28 @@ def reproduce(laws: tuple[str, ...] = tuple(LAWS)) -> Reproduction:
 def judged(paper: Paper, numbers: Numbers) -> Reproduction:
     """Evaluate every claim from printed and computed values."""
     return Reproduction(paper, numbers, judged_claims(paper, numbers))
+
+
+def headline(r: Reproduction) -> str:
+    """Return the outcome in one sentence."""
+    counts = r.counts()
+    some = sum(c.verdict == HOLDS and c.disputed for c in r.claims if c.kind != "check")
+    where = f" ({some} of them not in every law)" if some else ""
+    return (
+        f"Of the paper’s {sum(counts.values())} claims {_plural(counts[HOLDS], 'hold')}{where}, "
+        f"{_plural(counts[FAILS], 'fail')}, {counts[OPEN]} can’t be checked"
+    )
+
+
+def _plural(count: int, verb: str) -> str:
+    return f"{count} {verb}{'s' if count == 1 else ''}"
+
+
+def checks_summary(r: Reproduction) -> str:
+    """Return how our own checks came out, in one sentence."""
+    counts = r.counts(checks=True)
+    return (
+        f"Of our own {sum(counts.values())} checks of its printed figures "
+        f"{_plural(counts[HOLDS], 'hold')}, {_plural(counts[FAILS], 'fail')}, "
+        f"{counts[OPEN]} can’t be decided."
+    )
