@@ -110,7 +110,7 @@ def start(domain: int, tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     running: list[NodeProcess] = []
 
     def launch(module: str, *arguments: str) -> NodeProcess:
-        log = tmp_path / f"{module.split()[-1]}-{len(running)}.log"
+        log = tmp_path / f"{module.split()[-1]}-{len(running)}.log".replace("/", "_")
         running.append(NodeProcess(module, arguments, log))
         return running[-1]
 

@@ -15,7 +15,7 @@ class TopicSpec:
     """One topic.
 
     Attributes:
-        name: absolute, as `/mocap/pose`.
+        name: absolute, as `/mocap/pose`; with two slashes no namespace moves it.
         typename: message type, as `geometry_msgs/msg/PoseStamped`.
         qos: what its publisher offers and its subscribers ask for.
         rate_hz: how often it is published; 0: when something happens.

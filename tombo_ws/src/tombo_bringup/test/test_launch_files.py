@@ -46,7 +46,7 @@ def names(started: list) -> list[str]:
 
 
 def test_there_are_the_files_that_the_docs_name():
-    assert {*LAUNCHED, "fly.launch.py"} == set(FILES)
+    assert {*LAUNCHED, "fly.launch.py", "multi.launch.py"} == set(FILES)
 
 
 @pytest.mark.parametrize("file", LAUNCHED)

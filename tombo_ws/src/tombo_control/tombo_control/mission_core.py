@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+import numpy as np
+
 from tombo_control.planning.commanded_course import (
     CourseProgress,
     begin_course,
@@ -44,8 +46,10 @@ from tombo_control.planning.mission_memory import (
     store_state,
 )
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
+from tombo_control.safety.params import SafetyParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, Compiled, Core, Output
+from tombo_dynamics.effects.downwash import MOST_OTHERS
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import (
@@ -75,6 +79,8 @@ _LIFT_OFF_HEIGHT, _FALLEN_BACK_HEIGHT, _FALLEN_BACK_TIME_S = 0.05, 0.03, 0.3
 """m, m, s: a take-off that has been so high, and is so low again for so long, is over."""
 _SHOWS_IDLE_NS = -200_000_000
 """A commanded plan shows phase idle for so long: those behind it see it begin on the ground."""
+_LAG_S, _BRAKING, _LOOKS = 0.5, 2.0, 5
+"""s, m/s^2: the vehicle follows the reference so late, and brakes so; points of that way."""
 _DRIFT = 0.05
 """m: a waiting reference follows the vehicle when it is further away."""
 _MAX_CLOCK_STEP_NS = 100_000_000
@@ -169,14 +175,15 @@ def step_mission(
             store_state(memory, begin(memory.position))
         passed = 0
     waited = memory.wait_reason
-    memory.wait_reason = _reason_to_wait(memory, limits, now_ns)
+    passed = min(passed, _MAX_CLOCK_STEP_NS)
+    memory.wait_reason = _reason_to_wait(memory, limits, now_ns, passed)
     still = (
         memory.wait_reason == WaitReason.ESTIMATE_SILENT
         or memory.wait_reason == WaitReason.TWO_ESTIMATORS
     )
     if not still:
         if memory.started or memory.mode != Phase.IDLE:
-            memory.time_ns += min(passed, _MAX_CLOCK_STEP_NS)
+            memory.time_ns += passed
         _advance(memory, Plan(params, waypoints), limits, waited)
     _set_point(memory, now_ns, still)
     mode, reason = memory.mode, memory.wait_reason
@@ -194,7 +201,9 @@ def _is_planned(mode: int) -> bool:
 
 
 @compiled(inline=False)
-def _reason_to_wait(memory: MissionMemory, limits: MissionLimits, now_ns: int) -> int:
+def _reason_to_wait(
+    memory: MissionMemory, limits: MissionLimits, now_ns: int, passed_ns: int
+) -> int:
     if memory.two_estimators:
         return WaitReason.TWO_ESTIMATORS
     if memory.estimate_ns == NEVER or now_ns - memory.estimate_ns > limits.estimate_timeout * 1e9:
@@ -209,7 +218,38 @@ def _reason_to_wait(memory: MissionMemory, limits: MissionLimits, now_ns: int) -
         return WaitReason.BLIND
     if memory.answer_ns != NEVER and now_ns - memory.answer_ns > limits.reaction_timeout * 1e9:
         return WaitReason.REACTION_SILENT
+    if _is_too_near(memory, 1e-9 * (memory.time_ns + passed_ns)):
+        return WaitReason.COMPANY
     return WaitReason.NONE
+
+
+@compiled(inline=False)
+def _is_too_near(memory: MissionMemory, now_s: float) -> bool:
+    """Say whether the way on from `now_s`, or the point refused, is too near to another vehicle.
+
+    The way is looked at as far as the vehicle flies on when it brakes.
+    """
+    if memory.others_count == 0:
+        return False
+    if memory.wait_reason == WaitReason.COMPANY:
+        return _is_taken(memory)
+    leg = stored_leg(memory.leg)
+    ahead_s = _LAG_S + norm(leg.velocity) / (2.0 * _BRAKING)
+    for k in range(_LOOKS):
+        memory.refused = leg_position(leg, now_s + ahead_s * k / (_LOOKS - 1))
+        if _is_taken(memory):
+            return True
+    return False
+
+
+@compiled(inline=False)
+def _is_taken(memory: MissionMemory) -> bool:
+    """Say whether `refused` is too near to a vehicle; one that was not seen may be anywhere."""
+    for k in range(memory.others_count):
+        away = norm(subtract(memory.refused, memory.others[k]))
+        if not away >= memory.separation:  # NaN
+            return True
+    return False
 
 
 @compiled(inline=False)
@@ -231,7 +271,8 @@ def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: i
     error = _tracking_error(state, now, position)
     if state.mode != Phase.IDLE and _is_planned(state.mode):
         if waiting:
-            if waited == WaitReason.NONE or error > _DRIFT:
+            follows = error > _DRIFT and memory.wait_reason != WaitReason.COMPANY
+            if waited == WaitReason.NONE or follows:
                 state = wait(state, now, position)
         elif (
             waited >= WaitReason.REACTION_HOLDS
@@ -382,7 +423,7 @@ class MissionCore(Core):
     """
 
     name = "mission"
-    inputs = ("/odometry", "/reaction/status", "/setpoint", "/goal_pose")
+    inputs: tuple[str, ...] = ("/odometry", "/reaction/status", "/setpoint", "/goal_pose")  # type: ignore[misc]
     outputs: ClassVar[Mapping[str, Output]] = {
         "/mission/setpoint": Output(
             PositionSetpoint, "setpoint", "setpoint_due", every=_PERIOD_TICKS
@@ -404,9 +445,17 @@ class MissionCore(Core):
     )
     period_ns = _PERIOD_TICKS * TICK_NS
     steps_on_messages = False
-    sections: ClassVar[Mapping[str, type]] = {"mission": MissionParams, "inputs": MissionLimits}
+    sections: ClassVar[Mapping[str, type]] = {
+        "mission": MissionParams,
+        "inputs": MissionLimits,
+        "safety": SafetyParams,
+    }
     options: ClassVar[Mapping[str, tuple[Any, str]]] = {
-        "auto_start": (True, "false: wait on the ground for ~/takeoff, or until it is set to true")
+        "auto_start": (
+            True,
+            "false: wait on the ground for ~/takeoff, or until it is set to true",
+        ),
+        "others": ("", "poses of other vehicles to keep away from: absolute topics, with spaces"),
     }
     commands: ClassVar[Mapping[str, str]] = {
         "takeoff": "begin the plan, from the ground; while held: go on with it",
@@ -418,9 +467,15 @@ class MissionCore(Core):
     @classmethod
     def make(cls, records: Mapping[str, Any]) -> MissionCore:
         """Return a new mission."""
-        return cls(records["mission"], records["inputs"])
+        return cls(records["mission"], records["inputs"], safety=records["safety"])
 
-    def __init__(self, params: MissionParams, limits: MissionLimits, started: bool = True) -> None:
+    def __init__(
+        self,
+        params: MissionParams,
+        limits: MissionLimits,
+        started: bool = True,
+        safety: SafetyParams | None = None,
+    ) -> None:
         super().__init__()
         self._params = params
         self.plan = compiled_plan(params)
@@ -433,19 +488,38 @@ class MissionCore(Core):
         self.limits = parameter_record(limits)
         self.memory = MissionMemory.new()
         self.memory.published_mode = -1
+        self.memory.separation = (safety or SafetyParams()).separation
         begin_mission(self.memory, started)
 
     def on(
         self, topic: str, message: Odometry | ReactionStatus | PositionSetpoint | Pose, now_ns: int
     ) -> None:
-        """Take an estimate, the reaction's status, its set point as a heartbeat, or a goal."""
-        if isinstance(message, Pose):
+        """Take an estimate, the reaction's status, its set point, a goal, or another vehicle."""
+        if isinstance(message, Pose) and topic not in type(self).inputs:
+            self.see_other(self.inputs.index(topic) - len(type(self).inputs), message.position)
+        elif isinstance(message, Pose):
             try:
                 self.fly_course("goal_pose", [message])
             except InputError as error:
                 self.health.refuse("goal_refused", str(error))
         elif self.take(topic, message, now_ns) is False:
             self.health.report_event("odometry_not_finite", "odometry with NaN or infinity")
+
+    def expect_others(self, count: int) -> None:
+        """Keep away from so many other vehicles; until each is seen the plan does not begin.
+
+        Raises:
+            InputError: more than there is room for.
+        """
+        if count > MOST_OTHERS:
+            raise InputError(f"others: {count} vehicles; accepted: at most {MOST_OTHERS}")
+        self.memory.others_count = count
+        self.memory.others[:] = math.nan
+
+    def see_other(self, number: int, position: Array) -> None:
+        """Take the place (3) [m] of another vehicle, from 0, in map."""
+        if np.isfinite(position).all():
+            self.memory.others[number] = position
 
     def fly_course(
         self, name: str, poses: Sequence[Pose], speed: float = 0.0, hold: float = 0.0
@@ -509,6 +583,12 @@ class MissionCore(Core):
             self.plan = plan_with(params, *course) if course else compiled_plan(params)
         elif section == "inputs":
             self.limits = parameter_record(params)
+        elif section == "safety":
+            self.memory.separation = params.separation
+        elif section == "others":
+            topics = [f"//{topic.lstrip('/')}" for topic in params.split()]
+            self.inputs = (*type(self).inputs, *topics)
+            self.expect_others(len(topics))
         else:
             memory = self.memory
             if params and memory.has_estimate and not memory.started:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap, null_theta, pack_theta
+from tombo_dynamics.effects.downwash import set_jets
 from tombo_dynamics.vehicle import ARM_X, ARM_Y
 
 TICKS = 80
@@ -82,6 +83,7 @@ def observe(name, values):
         velocity=(0.5, 0.3, -0.1), rates=(0.4, -0.6, 0.8), obstacle=pole, speed=450.0,
         draws=np.array([0.7, -1.1, 0.4, 1.6, 0.2, -0.5, 1.0, -0.3]),
     )  # fmt: skip
+    set_jets(v.plant, [(position + np.array([0.1, 0.0, 0.5]), 12.0)])
     noise = _noise()
     rows = []
     for k in range(TICKS):

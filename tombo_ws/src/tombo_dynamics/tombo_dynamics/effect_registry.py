@@ -59,6 +59,8 @@ class Effect:
     """It has no mean: the number of samples says how well its parameters can be fitted."""
     contact: bool = False
     """It acts only where the obstacle is touched."""
+    company: bool = False
+    """It acts only where another vehicle flies."""
     vibration: bool = False
     """It shows at the rotors' speeds and above alone: no fit to motion that is slower shows it."""
     saturates: bool = False
@@ -124,8 +126,8 @@ class Registry(dict[str, Effect]):
             signature: how it shows in data, in one line.
             separates_from: other effects that look alike, and what tells them apart.
             confounded_with: see `Effect`.
-            traits: further fields of `Effect`: state, stochastic, contact, vibration, saturates,
-                models, healthy_spread.
+            traits: further fields of `Effect`: state, stochastic, contact, company, vibration,
+                saturates, models, healthy_spread.
 
         Raises:
             ValueError: the name is taken, or the arguments and `theta` do not agree.

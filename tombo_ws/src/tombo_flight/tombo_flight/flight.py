@@ -21,14 +21,17 @@ from tombo_bag.flight_topics import FlownTopics
 from tombo_bag.topics import COLLISION_EVENT, CONTACT_EVENT, MISSION_STATUS, REACTION_STATUS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core, Output, no_texts
+from tombo_dynamics.effects.downwash import jet_of, set_jets
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import record_of
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import phase_event, with_figures
 from tombo_flight.scenario import Scenario, world_of
+from tombo_flight.several_vehicles import FlownVehicle
 from tombo_flight.wiring import core_of
 from tombo_sim.flight_loop import (
+    MISSION,
     REACTION,
     TABLES,
     fly,
@@ -42,7 +45,7 @@ from tombo_sim.flight_setup import NOISE, FlightSetup, begin, capture_ticks
 from tombo_sim.kernel import FIGURE_COLUMNS, Flights, Log, new_log, part_of
 from tombo_sim.normals import draw_normals, stream_of
 from tombo_sim.sensing import in_order_of_arrival
-from tombo_sim.wiring import CORES
+from tombo_sim.wiring import CORES, POSE
 
 _FIRST = (
     "/odometry",
@@ -58,6 +61,7 @@ _FIRST = (
 """The order of topics in a recording begins with these."""
 _OF_FIGURES = (COLLISION_EVENT.name, CONTACT_EVENT.name, REACTION_STATUS.name)
 """Topics that figures are made of."""
+_POSES = list(TABLES).index(POSE)
 _BLOCK = 2048
 """Ticks between two drawings of random numbers, and two looks at `stop`."""
 
@@ -157,21 +161,52 @@ def fly_scenario(
     if finish is not None:
         finish(running.cores)
 
-    flown_ticks = int(running.progress["tick"])
-    rows = part_of(log, slice(flown_ticks))._asdict()
+    flight = running.flown(seed, memory.columns, wall, figures_only=memory.figures_only)
     if workspace is None:
         _keep_spare(memory, ticks)
-    columns = {name: rows[name] for name in memory.columns}
-    t: Array = np.arange(flown_ticks, dtype=np.float64) * TICK_S
-    flight = Flight({}, name=scenario.name, t=t, log=columns, epoch_ns=EPOCH_NS)
-    said = published_by(running.flights, 0)
-    if memory.figures_only:
-        flight = replace(flight, topics=_topics(said, _OF_FIGURES))
-    else:
-        topics = _topics(said, dict.fromkeys((*_FIRST, *said)))
-        flown = FlownTopics(t, columns, _poses(running.flights), topics)
-        flight = replace(flight, topics=flown, scenario=as_flown(scenario, seed, setup))
-    return with_figures(flight, scenario, seed, wall, _phases(said))
+    return flight
+
+
+def fly_several(vehicles: Sequence[FlownVehicle]) -> dict[str, Flight]:
+    """Fly several vehicles of one room in lockstep; return the flight of each by its name.
+
+    In each tick a vehicle feels the jets of the others, and its mission knows their poses, as of
+    the tick before.
+
+    Raises:
+        InputError: as `fly_scenario`.
+    """
+    running: list[_Running] = []
+    for vehicle in vehicles:
+        scenario, ticks = vehicle.scenario, round(vehicle.scenario.duration / TICK_S)
+        setup = begin(replace(world_of(scenario), start=vehicle.start), vehicle.seed)
+        flight = _Running(scenario, setup, new_log(ticks), new_published(1, ticks))
+        flight.progress.end = ticks
+        flight.cores[MISSION].expect_others(len(vehicles) - 1)
+        running.append(flight)
+    company = [(one, [other for other in running if other is not one]) for one in running]
+    seen = [0] * len(running)
+    began = time.perf_counter()
+    tick = 0
+    while not all(flight.over for flight in running):
+        for one, others in company if tick else ():
+            set_jets(one.plant, [jet_of(other.plant.start, other.plant) for other in others])
+        tick += 1
+        for one in running:
+            if not one.over:
+                one.fly_on(tick)
+        for i, one in enumerate(running):
+            if (count := int(one.flights.counts[0, _POSES])) > seen[i]:
+                seen[i] = count
+                place = one.flights.published[_POSES][0, count - 1]["message"]["position"]
+                for k, other in enumerate(running):
+                    if other is not one:
+                        other.cores[MISSION].see_other(i - (i > k), place)
+    wall = time.perf_counter() - began
+    return {
+        vehicle.name: flight.flown(vehicle.seed, Log._fields, wall)
+        for vehicle, flight in zip(vehicles, running, strict=True)
+    }
 
 
 class _Running:
@@ -180,14 +215,16 @@ class _Running:
     def __init__(
         self, scenario: Scenario, setup: FlightSetup, log: Any, published: tuple[Any, ...]
     ) -> None:
+        self._scenario, self._setup = scenario, setup
         rate = setup.mocap_rate
         captures = np.append(capture_ticks(scenario.duration, rate), np.int64(2**62))
-        self.cores = [core_of(kind, scenario) for kind in CORES]
+        self.cores: list[Any] = [core_of(kind, scenario) for kind in CORES]
         self._reaction: Any = self.cores[REACTION]
         normals = np.empty((captures.size, NOISE))
         flights = one_flight(setup.plant, setup.theta, (captures, normals), self.cores, published)
         self.flights = flights._replace(noise=np.empty((1, _BLOCK, NOISE)))
         self._shared = shared_by(setup.maps, self.cores, log)
+        self.plant = setup.plant
         self._state = setup.plant.state
         self.progress = self.flights.progress[0]
         self.progress.over.ground = scenario.vehicle.leg_height
@@ -207,27 +244,61 @@ class _Running:
         Raises:
             InputError: as `fly_scenario`.
         """
-        flights, flight = self.flights, self.progress
+        flight = self.progress
         flight.end = end
-        while (k := int(flight.tick)) < flight.end:  # the end of a flight that is over is earlier
-            if k == self._drawn:
-                flights.base[0], self._drawn = k, k + _BLOCK
-                draw_normals(self._stream, flights.noise[0])
-            if fly(flights, self._shared, 0, self._drawn):
-                step_in_python(flights, 0, self._reaction)
-                if self._reaction.failure:
-                    raise InputError(self._reaction.failure)
+        while not self.over:
+            self.fly_on(end)
             now_s = float(flight["tick"]) * TICK_S
-            if not math.isfinite(self._state.position[2] + self._state.rates[0]):
-                raise InputError(
-                    f"the simulation diverges at {now_s:.2f} s: vehicle and effects together are "
-                    "too stiff for steps of 1 ms; accepted: larger inertia, or smaller stiffness "
-                    "and damping"
-                )
             if stop is not None and stop():
                 break
             if progress is not None:
                 progress(now_s)
+
+    @property
+    def over(self) -> bool:
+        """Whether the end has come: that of a flight that is over is earlier than asked for."""
+        return int(self.progress.tick) >= int(self.progress.end)
+
+    def fly_on(self, stop: int) -> None:
+        """Fly to tick `stop`, the end, or the end of the random numbers or of a decision.
+
+        Raises:
+            InputError: as `fly_scenario`.
+        """
+        flights, flight = self.flights, self.progress
+        k = int(flight.tick)
+        if k == self._drawn:
+            flights.base[0], self._drawn = k, k + _BLOCK
+            draw_normals(self._stream, flights.noise[0])
+        if fly(flights, self._shared, 0, min(self._drawn, stop)):
+            step_in_python(flights, 0, self._reaction)
+            if self._reaction.failure:
+                raise InputError(self._reaction.failure)
+        now_s = float(flight["tick"]) * TICK_S
+        if not math.isfinite(self._state.position[2] + self._state.rates[0]):
+            raise InputError(
+                f"the simulation diverges at {now_s:.2f} s: vehicle and effects together are "
+                "too stiff for steps of 1 ms; accepted: larger inertia, or smaller stiffness "
+                "and damping"
+            )
+
+    def flown(
+        self, seed: int, columns: Iterable[str], wall: float, *, figures_only: bool = False
+    ) -> Flight:
+        """Return the flight as far as it is flown, with some columns of its log."""
+        ticks, scenario = int(self.progress["tick"]), self._scenario
+        rows = part_of(self._shared.log, slice(ticks))._asdict()
+        kept = {name: rows[name] for name in columns}
+        t: Array = np.arange(ticks, dtype=np.float64) * TICK_S
+        flight = Flight({}, name=scenario.name, t=t, log=kept, epoch_ns=EPOCH_NS)
+        said = published_by(self.flights, 0)
+        if figures_only:
+            flight = replace(flight, topics=_topics(said, _OF_FIGURES))
+        else:
+            topics = _topics(said, dict.fromkeys((*_FIRST, *said)))
+            flown = FlownTopics(t, kept, _poses(self.flights), topics)
+            flight = replace(flight, topics=flown, scenario=as_flown(scenario, seed, self._setup))
+        return with_figures(flight, scenario, seed, wall, _phases(said))
 
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:

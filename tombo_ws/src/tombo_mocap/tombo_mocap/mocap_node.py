@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 from tombo_bag.qos import SENSOR
@@ -17,7 +19,7 @@ from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import ESTIMATOR
-from tombo_ros.topic import PolledSubscription
+from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 _RATE_HZ = 1000.0
 _SILENT_NS = SECOND_NS // 5
@@ -65,6 +67,22 @@ class TopicFrames:
         """End it: nothing is left to do."""
 
 
+@dataclass
+class _Vehicle:
+    """One of the bodies that are tracked."""
+
+    poses: TrackedPoses
+    output: TopicPublisher
+    pose_ns: int = 0
+    """When its newest pose came, steady clock."""
+
+
+def _topic(namespace: str) -> TopicSpec:
+    """Return the topic of a vehicle's poses; that of several vehicles is absolute."""
+    name = MOCAP_POSE.name
+    return replace(MOCAP_POSE, name=f"/{namespace}{name}" if namespace else name)
+
+
 class MocapNode(LoopNode):
     """Passes on the poses of a system within 1 ms of their arrival."""
 
@@ -89,24 +107,28 @@ class MocapNode(LoopNode):
         except InputError:
             self.destroy()
             raise
-        self._poses = TrackedPoses(self._params)
-        self._output = self.advertise(MOCAP_POSE)
+        self._vehicles = [
+            _Vehicle(TrackedPoses(replace(self._params, body=body)), self.advertise(_topic(space)))
+            for space, body in self._params.tracked.items()
+        ]
         self._began_ns = time.monotonic_ns()
-        self._frame_ns = self._pose_ns = 0
+        self._frame_ns = 0
 
     def step(self, now_ns: int) -> None:
         """Pass on what has come."""
         for bodies in self._source.frames():
             self._frame_ns = time.monotonic_ns()
-            for pose in self._poses.poses(bodies):
-                self._output.send(pose)
-                self._pose_ns = self._frame_ns
+            for vehicle in self._vehicles:
+                for pose in vehicle.poses.poses(bodies):
+                    vehicle.output.send(pose)
+                    vehicle.pose_ns = self._frame_ns
 
     def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
         """Report faults; a text is made only for one that lasts: this runs at 1 kHz."""
         mono_ns = time.monotonic_ns()
         silent = mono_ns - max(self._frame_ns, self._began_ns) > _SILENT_NS
-        lost = not silent and mono_ns - max(self._pose_ns, self._began_ns) > _SILENT_NS
+        oldest_ns = min(vehicle.pose_ns for vehicle in self._vehicles)
+        lost = not silent and mono_ns - max(oldest_ns, self._began_ns) > _SILENT_NS
         self.health.fault("no_frames", silent, self._silence() if silent else "", ERROR)
         self.health.fault("body_lost", lost, self._loss() if lost else "", ERROR)
         super().periodic_tasks(wall_ns, now_ns)
@@ -117,13 +139,16 @@ class MocapNode(LoopNode):
         return f"nothing from {source}{f': {why}' if why else ''}"
 
     def _loss(self) -> str:
-        wanted = f"'{self._params.body}'" if self._params.body else "exactly one rigid body"
-        return f"{wanted} is not seen; seen: {', '.join(sorted(self._poses.names)) or 'none'}"
+        vehicle = min(self._vehicles, key=attrgetter("pose_ns"))
+        wanted = f"'{vehicle.poses.body}'" if vehicle.poses.body else "exactly one rigid body"
+        return f"{wanted} is not seen; seen: {', '.join(sorted(vehicle.poses.names)) or 'none'}"
 
     def report(self, now_ns: int) -> None:
         """Add the counters of poses."""
-        for key, count in vars(self._poses.counters).items():
-            self.health.value(f"poses.{key}", count)
+        for vehicle in self._vehicles:
+            of = f"{vehicle.poses.body}." if self._params.bodies else ""
+            for key, count in vars(vehicle.poses.counters).items():
+                self.health.value(f"poses.{of}{key}", count)
         super().report(now_ns)
 
     def close(self) -> None:

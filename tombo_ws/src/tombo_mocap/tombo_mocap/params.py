@@ -32,6 +32,9 @@ class MocapParams:
     topic: str = plain("", "of system ros: the driver's topic")
     frame: str = plain("", "of system ros: frame_id that a pose must have; empty: any")
     body: str = plain("", "name of the rigid body; empty: the only one there is")
+    bodies: str = plain(
+        "", "names of several vehicles' rigid bodies, with spaces: the first is that of v1"
+    )
     up: str = plain(
         "z_up", "axis of the system, and of its rigid bodies, that points up: z_up or y_up"
     )
@@ -46,6 +49,12 @@ class MocapParams:
         "0, because it differs: 5 to 10 ms is usual; `tombo check mocap` tells",
     )
 
+    @property
+    def tracked(self) -> dict[str, str]:
+        """Topic's namespace, empty or as /v1 → name of the rigid body."""
+        names = self.bodies.split()
+        return {f"/v{k}": name for k, name in enumerate(names, 1)} or {"": self.body}
+
     def check(self) -> None:
         """Refuse unusable parameters.
 
@@ -56,6 +65,10 @@ class MocapParams:
         for name, accepted in (("system", SYSTEMS), ("up", UP_AXES), ("nose", NOSE_AXES)):
             if getattr(self, name) not in accepted:
                 raise unknown_name(f"mocap.{name}", getattr(self, name), accepted)
+        if self.body and self.bodies:
+            raise InputError(
+                f"mocap.body '{self.body}' and mocap.bodies '{self.bodies}'; accepted: one of them"
+            )
         if self.system == ROS and not self.topic:
             raise InputError("mocap.topic: ''; accepted with system ros: the driver's topic")
         if self.system not in (ROS, "mock") and not self.host:

@@ -55,7 +55,7 @@ class TrackedPoses:
     """Chooses the vehicle's rigid body, and turns its poses into map and base_link."""
 
     def __init__(self, params: MocapParams) -> None:
-        self._params = params
+        self.body = params.body
         self._delay_ns = round(params.delay * SECOND_NS)
         self._to_map = np.array(_UP[params.up])
         # The axes of a rigid body are those of the world in which it was defined: y up as well.
@@ -73,10 +73,10 @@ class TrackedPoses:
         A pose with NaN, without a rotation, or not newer than the last is counted and dropped.
         """
         self.names = frozenset(body.name for body in bodies)
-        self.ambiguous = not self._params.body and len(self.names) > 1
+        self.ambiguous = not self.body and len(self.names) > 1
         result = []
         for body in bodies:
-            if self.ambiguous or self._params.body not in ("", body.name):
+            if self.ambiguous or self.body not in ("", body.name):
                 continue
             stamp_ns = body.stamp_ns - self._delay_ns
             norm = float(np.linalg.norm(body.attitude))

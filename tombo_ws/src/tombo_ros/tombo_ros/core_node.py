@@ -6,13 +6,14 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from std_srvs.srv import Trigger
 
 from tombo_bag.message_codec import MessageCodec, form_of
-from tombo_bag.topics import TOPICS, TopicSpec
+from tombo_bag.topics import MOCAP_POSE, TOPICS, TopicSpec
 from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import neutral
@@ -48,6 +49,11 @@ class CoreInput:
         self.codec = MessageCodec(spec.typename)
         self.several = False
         """More than one node publishes here."""
+
+
+def _spec(topic: str) -> TopicSpec:
+    """Return a topic by its name; one that the suite does not know has another vehicle's poses."""
+    return TOPICS.get(topic) or replace(MOCAP_POSE, name=topic)
 
 
 class _Command:
@@ -97,8 +103,8 @@ class CoreNode(LoopNode):
         self.runner = CoreRunner(self.core)
         warm_up(core.make(self.records))
         self.core_inputs = [
-            CoreInput(TOPICS[topic], self.subscribe(TOPICS[topic], depth=_DEPTH))
-            for topic in core.inputs
+            CoreInput(spec, self.subscribe(spec, depth=_DEPTH))
+            for spec in map(_spec, self.core.inputs)
         ]
         self._followed = next((i for i in self.core_inputs if i.topic == follows), None)
         self._outputs = {topic: self.advertise(TOPICS[topic]) for topic in core.outputs}
@@ -168,8 +174,15 @@ class CoreNode(LoopNode):
 
     def spin_lockstep(self) -> None:
         """Run the ticks that the simulator gives."""
+        self._lockstep_member().spin(self._step_lockstep, self._idle)
+
+    def lockstep_ticks(self) -> Iterator[bool]:
+        """Run the ticks that have come, again and again, between those of other nodes."""
+        return self._lockstep_member().ticks(self._step_lockstep, self._idle)
+
+    def _lockstep_member(self) -> LockstepMember:
         kind = type(self.core)
-        member = LockstepMember(
+        return LockstepMember(
             self,
             kind.name,
             {source.topic: source.subscription for source in self.core_inputs},
@@ -177,7 +190,6 @@ class CoreNode(LoopNode):
             kind.period_ns,
             kind.steps_on_messages,
         )
-        member.spin(self._step_lockstep, self._idle)
 
     def _step_lockstep(self, now_ns: int, messages: list[list[ReceivedMessage]]) -> None:
         self._now_ns = now_ns
@@ -281,11 +293,16 @@ def warm_up(core: Core) -> None:
         core.step(now_ns)
 
 
-def main_of(make: Callable[[], LoopNode]) -> Callable[[Sequence[str] | None], None]:
-    """Return the main function of a node."""
+class NodeMain:
+    """The main function of a node."""
 
-    def main(argv: Sequence[str] | None = None) -> None:
+    def __init__(self, make: Callable[[], LoopNode]) -> None:
+        self.make = make
+        """Makes the node, for a process that hosts it with others."""
+
+    def __call__(self, argv: Sequence[str] | None = None) -> None:
         """Run the node."""
-        sys.exit(run(make, argv))
+        sys.exit(run(self.make, argv))
 
-    return main
+
+main_of = NodeMain

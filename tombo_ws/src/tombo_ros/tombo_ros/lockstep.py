@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,11 +111,20 @@ class LockstepMember:
     def spin(
         self, step: Callable[[int, list[list[ReceivedMessage]]], None], idle: Callable[[], None]
     ) -> None:
-        """Run tick after tick until the node is to end.
+        """Run tick after tick until the node is to end; arguments and errors as `ticks`."""
+        for waits in self.ticks(step, idle):
+            if waits:
+                self._waiter.wait(_IDLE_PERIOD_NS)
+                idle()
+
+    def ticks(
+        self, step: Callable[[int, list[list[ReceivedMessage]]], None], idle: Callable[[], None]
+    ) -> Iterator[bool]:
+        """Run the ticks that have come, again and again; yield whether none waits to be run.
 
         Args:
             step: takes the time of the tick [ns] and the messages of each input, and publishes.
-            idle: called after each tick, and ten times a second while none comes.
+            idle: called after each tick.
 
         Raises:
             LockstepError: messages of a tick don't come.
@@ -135,9 +144,7 @@ class LockstepMember:
                 sent = [publisher.sent for publisher in self._outputs.values()]
                 self._done.publish(self._answers.encode(now_ns, sent))
                 idle()
-            if not self._tick.waiting():
-                self._waiter.wait(_IDLE_PERIOD_NS)
-                idle()
+            yield not self._tick.waiting()
 
     def _collect(self, now_ns: int, counts: Sequence[int]) -> list[list[ReceivedMessage]]:
         """Return the messages of each input up to these counts, as soon as they are there."""

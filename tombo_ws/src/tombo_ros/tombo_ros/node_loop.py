@@ -12,7 +12,9 @@ import sys
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextvars import ContextVar
+from operator import attrgetter
 from typing import Any
 
 import rclpy
@@ -45,9 +47,15 @@ _SETTLE_NS = 2 * SECOND_NS
 _CLOCK_SILENT_S = 0.5
 _ACKNOWLEDGED_S = 1.0
 """Longest wait for subscribers to acknowledge the last messages of a node that ends."""
+_LOOK_S = 1e-4
+"""Pause of nodes in lockstep that have nothing to do."""
 _SLACK_NS = 50_000_000
 _POLL_SHARE, _POLL_LEAST_NS, _POLL_MOST_NS = 0.1, 100_000, 1_000_000
 """How often a node in simulated time looks for clock and messages: a tenth of its period."""
+
+
+NAMESPACE: ContextVar[str] = ContextVar("NAMESPACE", default="")
+"""Of the nodes that are made; empty: that of the command line."""
 
 
 class LockstepError(Exception):
@@ -85,7 +93,7 @@ class LoopNode(ABC):
         Raises:
             InputError: a parameter given at the start is refused.
         """
-        self.ros = Node(name, start_parameter_services=True)
+        self.ros = Node(name, namespace=NAMESPACE.get(), start_parameter_services=True)
         source = getattr(self.ros, "_time_source", None)
         if source is not None:  # the loop polls /clock itself: no callbacks for it
             source.detach_node()
@@ -185,6 +193,17 @@ class LoopNode(ABC):
 
     def spin(self) -> None:
         """Run the loop until `stop`, or until ROS is shut down."""
+        self.begin()
+        freeze_garbage()
+        if self.lockstep:
+            self.spin_lockstep()
+        elif self._clock is not None:
+            self._spin_simulated()
+        else:
+            spin_real([self])
+
+    def begin(self) -> None:
+        """Answer services from now on, and take the real-time priority."""
         for line in self.parameters.unknown():
             self.health.fault("unknown_parameter", True, line)
         self._services.start()
@@ -194,50 +213,17 @@ class LoopNode(ABC):
             scheduling = request_realtime_priority(self._priority, served_by)
         self.health.value("scheduling", scheduling)
         self.ros.get_logger().info(f"running, scheduling {scheduling}")
-        freeze_garbage()
-        if self.lockstep:
-            self.spin_lockstep()
-        elif self._clock is not None:
-            self._spin_simulated()
-        else:
-            self._spin_real()
 
     def spin_lockstep(self) -> None:
         """Run the ticks of a lockstep; a node that knows none runs by the wall's clock."""
-        self._spin_real()
+        spin_real([self])
 
-    def _spin_real(self) -> None:
-        main = self.loops["loop"]
-        began = time.monotonic_ns()
-        deadline = began + self.period_ns
-        missed, settled = 0, False
-        while not self.stopping:
-            woke = time.monotonic_ns()
-            if woke < deadline:
-                sleep_until(deadline)
-                woke = time.monotonic_ns()
-            late = woke - deadline
-            if late < 0:  # a signal came
-                continue
-            self.late_ns = late
-            period = self.period_ns
-            if late > period:
-                if self.catches_up:
-                    missed = 1
-                else:
-                    missed = late // period
-                    deadline += missed * period
-            if not settled and woke - began > _SETTLE_NS:
-                settled = True
-                self.loops = {name: LoopStatistics() for name in self.loops}
-                main = self.loops["loop"]
-            main.ran(woke, late, missed)
-            missed = 0
-            now = time.time_ns()
-            self.step(now)
-            self.periodic_tasks(now, now)
-            deadline += period + self.shift_ns
-            self.shift_ns = 0
+    def lockstep_ticks(self) -> Iterator[bool]:
+        """Run the ticks of a lockstep in parts, and yield after each: other nodes come in between.
+
+        It yields whether there was nothing to do.
+        """
+        raise NotImplementedError
 
     def _spin_simulated(self) -> None:
         """Run when the clock has come to the next run, or a message is there."""
@@ -306,6 +292,12 @@ class LoopNode(ABC):
         except ExternalShutdownException:
             return
 
+    def end(self) -> None:
+        """Send a last report and leave the graph."""
+        self.close()
+        self.report(self.now_ns())
+        self.destroy()
+
     def destroy(self) -> None:
         """Take the node off the graph, so that nobody waits for it.
 
@@ -324,13 +316,100 @@ class LoopNode(ABC):
         self.ros.destroy_node()
 
 
-def run(make: Callable[[], LoopNode], argv: Sequence[str] | None = None) -> int:
+class _RealTimeLoop:
+    """The absolute deadlines of a node."""
+
+    def __init__(self, node: LoopNode) -> None:
+        self.node = node
+        self._main = node.loops["loop"]
+        self._began = time.monotonic_ns()
+        self.deadline = self._began + node.period_ns
+        self._missed, self._settled = 0, False
+
+    def run(self, woke: int) -> None:
+        """Run the node once, at or after its deadline."""
+        node = self.node
+        late = woke - self.deadline
+        node.late_ns = late
+        period = node.period_ns
+        if late > period:
+            if node.catches_up:
+                self._missed = 1
+            else:
+                self._missed = late // period
+                self.deadline += self._missed * period
+        if not self._settled and woke - self._began > _SETTLE_NS:
+            self._settled = True
+            node.loops = {name: LoopStatistics() for name in node.loops}
+            self._main = node.loops["loop"]
+        self._main.ran(woke, late, self._missed)
+        self._missed = 0
+        now = time.time_ns()
+        node.step(now)
+        node.periodic_tasks(now, now)
+        self.deadline += period + node.shift_ns
+        node.shift_ns = 0
+
+
+def spin_real(nodes: Sequence[LoopNode]) -> None:
+    """Run the loops of nodes in this thread, each at its deadlines, the earliest first."""
+    loops = [_RealTimeLoop(node) for node in nodes]
+    while not any(node.stopping for node in nodes):
+        due = min(loops, key=attrgetter("deadline")) if len(loops) > 1 else loops[0]
+        woke = time.monotonic_ns()
+        if woke < due.deadline:
+            sleep_until(due.deadline)
+            woke = time.monotonic_ns()
+        if woke >= due.deadline:  # earlier: a signal came
+            due.run(woke)
+
+
+class NodeGroup:
+    """Nodes of one process, in real time or in lockstep, as `run` takes them."""
+
+    def __init__(self, nodes: Sequence[LoopNode]) -> None:
+        self.nodes = nodes
+
+    def spin(self) -> None:
+        """Run the loops until `stop`."""
+        for node in self.nodes:
+            node.begin()
+        freeze_garbage()
+        if self.nodes[0].lockstep:
+            self._spin_lockstep()
+        else:
+            spin_real(self.nodes)
+
+    def _spin_lockstep(self) -> None:
+        parts = {node: node.lockstep_ticks() for node in self.nodes}
+        while parts:
+            waits = True
+            for node, ticks in list(parts.items()):
+                waiting = next(ticks, None)
+                waits &= waiting is not False
+                if waiting is None:
+                    del parts[node]
+            if waits:
+                time.sleep(_LOOK_S)
+
+    def stop(self) -> None:
+        """End the loops."""
+        for node in self.nodes:
+            node.stop()
+
+    def end(self) -> None:
+        """Send the last reports and leave the graph."""
+        for node in self.nodes:
+            node.end()
+
+
+def run(make: Callable[[], LoopNode | NodeGroup], argv: Sequence[str] | None = None) -> int:
     """Be the main function of a node: start, loop, shut down; return the exit code.
 
     0 when it was told to stop (SIGINT, SIGTERM, as often as they come), 2 for bad parameters.
     """
     stopped: list[int] = []
-    node: LoopNode | None = None
+    node: LoopNode | NodeGroup | None = None
 
     def ask(number: int, frame: Any) -> None:
         again = bool(stopped)
@@ -358,9 +437,7 @@ def run(make: Callable[[], LoopNode], argv: Sequence[str] | None = None) -> int:
         code = _refuse(str(error))
     finally:
         if node is not None:
-            node.close()
-            node.report(node.now_ns())
-            node.destroy()
+            node.end()
         rclpy.shutdown()
         for number in (signal.SIGINT, signal.SIGTERM):  # Python is about to forget our handler
             signal.signal(number, signal.SIG_IGN)

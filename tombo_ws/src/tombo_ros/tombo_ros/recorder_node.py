@@ -127,7 +127,13 @@ class RecorderNode(LoopNode):
         known = [name for name in TOPICS if name != CLOCK.name]
         names = self.declare("topics", known, "names of the topics to record")
         self._all = self.declare("all", False, "record every other topic on the graph too")
-        self._specs = {self._resolved(name): TOPICS.get(name) for name in names}
+        vehicles = self.declare("namespaces", [""], "of several vehicles: records topics of each")
+        self._several = any(vehicles)
+        self._specs = {
+            f"/{vehicle}{name}" if vehicle else self._resolved(name): TOPICS.get(name)
+            for vehicle in vehicles
+            for name in names
+        }
         self.sink = RollingSink(self._options(), self._notes, self._records())
         for name, spec in self._specs.items():
             if spec is not None:
@@ -202,7 +208,13 @@ class RecorderNode(LoopNode):
             self._diagnostics_values()
 
     def spin_lockstep(self) -> None:
-        """Record what each fiftieth tick asks for before the simulator goes on."""
+        """Record what each fiftieth tick asks for before the simulator goes on.
+
+        Of several vehicles it takes no part: each has ticks of its own.
+        """
+        if self._several:
+            super().spin_lockstep()
+            return
         inputs = {
             spec.name: self._sources[name]
             for name, spec in self._specs.items()

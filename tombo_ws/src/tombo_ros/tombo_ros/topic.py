@@ -72,7 +72,7 @@ class PolledSubscription:
     def __init__(self, node: Node, spec: TopicSpec, depth: int | None = None) -> None:
         self.spec = spec
         self.kind = message_class(spec.typename)
-        self.topic = spec.name.lstrip("/")
+        self.topic = spec.name.removeprefix("/")
         self._node = node
         self._subscription = subscribe_polled(node, self.kind, self.topic, spec.qos, depth)
         self.last_ns: int | None = None

@@ -69,6 +69,8 @@ def begin(world: World, seed: int) -> FlightSetup:
     spread = world.spread
     yaw = spread.yaw * draws[8]
     start = np.array([spread.start * draws[9], spread.start * draws[10], vehicle.leg_height])
+    if any(world.start):
+        start[:2] += world.start
     plant.state.position = start
     plant.state.attitude = [0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]
     plant.draws = draws[:8]

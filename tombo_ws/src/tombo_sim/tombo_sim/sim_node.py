@@ -7,25 +7,34 @@ the node drives `/clock`: faster, slower, paused, step by step, or waiting for e
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from tombo_bag.message_codec import MessageCodec
 from tombo_bag.message_template import CONSTANTS, MessageTemplate
-from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
+from tombo_bag.topics import (
+    BATTERY,
+    CLOCK,
+    IMU,
+    MISSION_STATUS,
+    MOCAP_POSE,
+    ROTOR_COMMAND,
+    TopicSpec,
+)
+from tombo_dynamics.effects.downwash import jet_of, set_jets
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.input_check import is_future
 from tombo_dynamics.messages import Imu, Phase, RotorSpeeds
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
 from tombo_ros.conversion import to_time
+from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import LockstepMaster, take_until
 from tombo_ros.loop_statistics import LatenessHistogram
-from tombo_ros.node_loop import LockstepError, run
+from tombo_ros.node_loop import LockstepError
 from tombo_ros.topic import PolledSubscription
 from tombo_sim.failsafe import Failsafe
 from tombo_sim.ground_truth import FlightEndDetector
@@ -109,6 +118,8 @@ class SimNode(VehicleNode):
         self._began_ns = EPOCH_NS
         """Time of tick 0."""
         self._started = False
+        self.others: list[SimNode] = []
+        """Vehicles of the same room, whose downwash it feels."""
         self._master = LockstepMaster(self, members) if self.lockstep else None
         self._make_outputs()
 
@@ -176,6 +187,7 @@ class SimNode(VehicleNode):
             if self._waits and not self._may_advance(now_ns):
                 return
             self._steps -= int(paused)
+        self._feel_others()
         self.simulator.advance(self._select_command(now_ns))
         self._advanced_ns = now_ns
         self.failsafe.observe(self.simulator)
@@ -211,8 +223,19 @@ class SimNode(VehicleNode):
         )
         return in_vain and due
 
+    def _feel_others(self) -> None:
+        plants = [other.simulator.plant for other in self.others]
+        set_jets(self.simulator.plant, [jet_of(plant.state, plant) for plant in plants])
+
     def spin_lockstep(self) -> None:
+        """Fly tick by tick; errors as `lockstep_ticks`."""
+        for _ in self.lockstep_ticks():
+            pass
+
+    def lockstep_ticks(self) -> Iterator[bool]:
         """Fly tick by tick, each with the answers of all nodes, until the flight is over.
+
+        Other vehicles are seen as of the tick before: all come to each `yield` before one goes on.
 
         Raises:
             LockstepError: a node is not there, or does not answer.
@@ -226,15 +249,22 @@ class SimNode(VehicleNode):
         end = round(self._duration * SECOND_NS / TICK_NS) or 2**62
         simulator = self.simulator
         while simulator.tick < end and not self.stopping:
+            seen = {
+                f"/{other.ros.get_namespace()}{MOCAP_POSE.name}": other.poses_sent
+                for other in self.others
+            }
+            yield False
             self._publish()
             over_s = flight_end.watch(simulator.height, simulator.upright, phase)
             if over_s is not None:
                 end = min(end, simulator.tick + round(over_s * SECOND_NS / TICK_NS))
-            master.run_tick(self.stamp_ns, self._sent(), self._idle)
+            master.run_tick(self.stamp_ns, self._sent() | seen, self._idle)
             for received in self._take_answers(master, MISSION_STATUS, phases):
                 phase = int(received.phase)
             for received in self._take_answers(master, ROTOR_COMMAND, self._commands):
                 command = np.array(received.speed)
+            self._feel_others()
+            yield False
             simulator.advance(command)
             self._idle()
         if not self.stopping:
@@ -357,10 +387,7 @@ class SimNode(VehicleNode):
         super().report(now_ns)
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    sys.exit(run(SimNode, argv))
-
+main = main_of(SimNode)
 
 if __name__ == "__main__":
     main()

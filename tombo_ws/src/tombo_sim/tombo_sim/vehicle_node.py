@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -76,11 +77,15 @@ class VehicleNode(LoopNode):
             "the simulator then ends, in real time it begins without them",
             bounds=(0.1, 3600.0),
         )
+        start_x, start_y = (
+            self.declare(f"start_{axis}", 0.0, f"start [m], map {axis}", bounds=(-1e3, 1e3))
+            for axis in "xy"
+        )
         self._awaited = set(names.split())
         self._made_ns = time.time_ns()
         self._begins_ns = 0
         self._truth_ticks = max(round(TICK_HZ / truth_rate), 1)
-        self.world = self._world(mocap_rate)
+        self.world = replace(self._world(mocap_rate), start=(start_x, start_y))
         self._state = np.zeros(13)
 
     def others_ready(self, now_ns: int) -> bool:
@@ -127,6 +132,11 @@ class VehicleNode(LoopNode):
         self._contact_out = self.advertise(TRUE_CONTACT)
         self._markers = self.advertise(MARKERS)
         self.replace_simulator(simulator)
+
+    @property
+    def poses_sent(self) -> int:
+        """How many poses were published."""
+        return self._pose_out.sent
 
     def replace_simulator(self, simulator: Simulator) -> None:
         """Take another vehicle, which is shown from now on."""

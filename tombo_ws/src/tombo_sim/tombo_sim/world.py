@@ -55,3 +55,5 @@ class World:
     """As given; effects of the propeller are added."""
     mocap_rate: float = 30.0
     """[Hz]."""
+    start: tuple[float, float] = (0.0, 0.0)
+    """Where the vehicle stands before the spread, map x and y [m]."""

@@ -6,6 +6,7 @@ python -m tombo_web.live_node '{"host": …, "port": …, "foxglove": …, "name
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -16,7 +17,16 @@ import rclpy
 from rclpy.serialization import deserialize_message
 
 from tombo_bag.message_codec import FORMS, MessageCodec
-from tombo_bag.topics import DIAGNOSTICS, MARKERS, POSE_TYPES, TF, TOPICS, TopicSpec
+from tombo_bag.topics import (
+    DIAGNOSTICS,
+    MARKERS,
+    MISSION_STATUS,
+    MOCAP_POSE,
+    POSE_TYPES,
+    TF,
+    TOPICS,
+    TopicSpec,
+)
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.operator_requests import OperatorRequests
@@ -30,6 +40,10 @@ _DEPTH: Final = 100
 _NOT_READ: Final = (TF.name, "/clock")
 _FIND_S: Final = 5.0
 """How long a lab's topic is waited for."""
+_VEHICLES_S: Final = 1.0
+"""How long the poses of vehicles are looked for."""
+_OF_VEHICLE: Final = re.compile(r"/v\d+/mocap/pose")
+"""Poses of one of several vehicles."""
 
 
 Reader = Callable[[bytes], Mapping[str, Any]]
@@ -55,6 +69,16 @@ class LiveTopics:
                 raise unknown_name(f"topic for '{theirs}'", name, TOPICS)
         rclpy.init()
         self._node = rclpy.create_node("tombo_live")
+        self._nodes = [
+            rclpy.create_node("tombo_live", namespace=name) for name in self._vehicles(set(names))
+        ]
+        self.vehicles: dict[str, dict[str, Any]] = {}
+        """Newest position [m, map] and phase of each of several vehicles."""
+        if self._nodes:  # the page's scene and curves are of the first
+            self._node.destroy_node()
+            self._node = self._nodes[0]
+        else:
+            self._nodes = [self._node]
         self._began_ns = time.time_ns()
         self.obstacle: dict[str, float] | None = None
         self._taken: list[
@@ -66,7 +90,17 @@ class LiveTopics:
                 self._subscribe(spec.name, spec)
         for theirs, name in names.items():
             self._subscribe(name, replace(TOPICS[name], name=theirs, typename=self._type(theirs)))
-        self._requests = OperatorRequests(self._node)
+        self._others = [
+            (
+                node.get_namespace().strip("/"),
+                PolledSubscription(node, spec, 1),
+                _reader(spec.typename),
+            )
+            for node in self._nodes
+            for spec in (MOCAP_POSE, MISSION_STATUS)
+            if len(self._nodes) > 1
+        ]
+        self._requests = [OperatorRequests(node) for node in self._nodes]
         self._answers: list[dict[str, Any]] = []
 
     @property
@@ -80,6 +114,7 @@ class LiveTopics:
 
     def advance(self, elapsed_s: float) -> list[TopicMessage]:
         """Return the messages since the last call, in order of arrival."""
+        self._look_at_vehicles()
         messages = []
         for name, subscription, read in self._taken:
             for data, received_ns in subscription.take_raw():
@@ -95,18 +130,41 @@ class LiveTopics:
         return sorted(messages, key=lambda message: message.arrival_s)
 
     def request(self, name: str) -> None:
-        """Call the operator's services for hold, land or kill."""
-        self._answers += self._requests.read(f"{name}\n")
+        """Call the operator's services for hold, land or kill, of each vehicle."""
+        for requests in self._requests:
+            self._answers += requests.read(f"{name}\n")
 
     def answers(self) -> list[dict[str, Any]]:
         """Return the answers of the nodes since the last call."""
-        answers, self._answers = [*self._answers, *self._requests.answers()], []
+        come = [answer for requests in self._requests for answer in requests.answers()]
+        answers, self._answers = [*self._answers, *come], []
         return [{"kind": "answer", **answer["answer"]} for answer in answers]
 
     def close(self) -> None:
         """Leave the graph."""
-        self._node.destroy_node()
+        for node in self._nodes:
+            node.destroy_node()
         rclpy.try_shutdown()
+
+    def _vehicles(self, given: set[str]) -> list[str]:
+        """Return the namespaces of several vehicles (v1, v2) on the graph; empty: there is one."""
+        names: set[str] = set()
+        end_s = time.monotonic() + (0.0 if given else _VEHICLES_S)
+        while time.monotonic() < end_s and MOCAP_POSE.name not in names:
+            names = {name for name, _ in self._node.get_topic_names_and_types()}
+            time.sleep(0.05)
+        several = [name.split("/")[1] for name in names if _OF_VEHICLE.fullmatch(name)]
+        return sorted(several, key=lambda name: int(name[1:]))
+
+    def _look_at_vehicles(self) -> None:
+        for name, subscription, read in self._others:
+            for data, _ in subscription.take_raw():
+                fields = read(data)
+                known = self.vehicles.setdefault(name, {"name": name, "position": None})
+                if "phase" in fields:
+                    known["phase"] = str(fields["text"])
+                else:
+                    known["position"] = [round(float(x), 4) for x in fields["position"]]
 
     def _subscribe(self, name: str, spec: TopicSpec) -> None:
         depth = 1 if spec.rate_hz > _FAST_HZ else _DEPTH

@@ -131,6 +131,8 @@ class LiveSession:
         frame = self._view.frame(source.now_s, self._picked)
         frame["kind"] = "frame"
         frame["obstacle"] = getattr(source, "obstacle", None) or self._obstacle
+        if vehicles := getattr(source, "vehicles", None):
+            frame["vehicles"] = [dict(known) for known in vehicles.values()]
         if source.seekable:
             frame["playing"] = {"paused": source.paused, "speed": source.speed}
         if len(self._view.signals) != self._signals:

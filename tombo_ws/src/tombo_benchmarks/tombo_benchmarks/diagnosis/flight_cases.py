@@ -30,10 +30,10 @@ from tombo_flight.scenario import load_scenario
 
 FORMULATIONS = (("imu_rpm", 0.35), ("imu", 0.25), ("mocap_rpm", 0.2), ("mocap", 0.2))
 EXCLUDED_EFFECTS = frozenset(
-    n for n, effect in REGISTRY.items() if effect.contact or effect.vibration
+    n for n, effect in REGISTRY.items() if effect.contact or effect.company or effect.vibration
 )
-"""Effects of contact, because the flights of the benchmark touch nothing, and vibration, which no
-model of the motion shows."""
+"""Effects of contact and of other vehicles, because the flights of the benchmark have none, and
+vibration, which no model of the motion shows."""
 UNOBSERVABLE_PARAMETERS = frozenset({"mocap_misalignment.yaw"})
 """No flight can show it: physics does not know where north is."""
 _SWINGS = frozenset(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from tombo_control.planning.leg import LegRecord, store_leg, stored_leg
 from tombo_control.planning.mission import MissionState
+from tombo_dynamics.effects.downwash import MOST_OTHERS
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import MissionStatusRecord, PositionSetpointRecord
 from tombo_dynamics.messages import Phase, ReactionPhase, Reason
@@ -27,6 +28,10 @@ class WaitReason(Reason):
     BLIND = 4, "the reaction sees stale poses: the plan waits"
     REACTION_SILENT = 5, "no message from the reaction: the plan waits"
     OPERATOR = 6, "held by an operator: the plan waits"
+    COMPANY = (
+        7,
+        "the set point is nearer to another vehicle than safety.separation: refused, it holds",
+    )
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,10 @@ class MissionMemory(Record):
     decided_collisions = field("1", "number of collisions in the last one; -1: none", kind=int)
     decided_place = field("m", "x_r of the last decision taken, in map", 3)
     escape = field("m", "x_r to leave for, in map; NaN: none", 3)
+    others = field("m", "other vehicles, in map; NaN: not seen yet", (MOST_OTHERS, 3))
+    others_count = field("1", "of them", kind=int)
+    separation = field("m", "from them, at the least")
+    refused = field("m", "the set point that was refused for them, in map", 3)
     rest_since_s = field("s", "stands still since then")
     has_flown = field("1", "it has been in the air", kind=bool)
     has_lifted = field("1", "it has left the ground", kind=bool)

@@ -62,6 +62,13 @@ class SafetyParams:
         "a set point further from the vehicle than this is refused",
         "4 s at control.velocity_max_xy",
     )
+    separation: float = param(
+        0.8,
+        "m",
+        (0.1, 100.0),
+        "the mission refuses a set point nearer than this to another vehicle, and holds",
+        "estimated, because: two vehicles of 0.35 m radius, and 0.1 m of error",
+    )
     speed_max: float = param(
         15.0, "m/s", (0.5, 50.0), "a faster vehicle lands at once", "the fastest a course may be"
     )

@@ -137,6 +137,8 @@ def scores(
             return "taken up by the fit of the nominal model to the same flights"
         if REGISTRY[effect].contact:
             return "nothing was touched in the spans that count"
+        if REGISTRY[effect].company:
+            return "no other vehicle is known to have flown"
         return "these flights have no channel that shows it"
 
     problem = findings.problem

@@ -69,9 +69,10 @@ def test_the_freshest_pose_counts_and_nobody_knowing_is_no_number():
 
 
 def test_a_height_is_not_shown_as_present_once_poses_are_lost():
-    hovers = replace(suite(), flight={"phase": Phase.HOVER, "height_m": 1.99})
+    flight = {"phase": Phase.HOVER, "height_m": 1.99}
+    hovers = replace(suite(), flights={"": (flight, 0.0)})
     assert "hover at 1.99 m" in status_line(hovers)
-    lost = status_line(replace(hovers, flight_age_s=12.2))
+    lost = status_line(replace(hovers, flights={"": (flight, 12.2)}))
     assert "no pose for 12 s, last at 1.99 m" in lost and "hover" not in lost
 
 
@@ -90,10 +91,12 @@ def test_the_table_shows_every_loop_and_every_trouble():
     text = shown(suite())
 
     assert "61 s up, mocap: 31 ms old" in text
-    known = replace(suite(), flight={"height_m": 1.234, "phase": 3})
+    known = replace(suite(), flights={"": ({"height_m": 1.234, "phase": 3}, 0.0)})
     assert "61 s up, approach at 1.23 m, mocap: 31 ms old" in shown(known)
     assert "; approach at 1.23 m; " in status_line(known)
-    assert "no phase at" in shown(replace(known, flight={"height_m": 1.234, "phase": None}))
+    assert "no phase at" in shown(
+        replace(known, flights={"": ({"height_m": 1.234, "phase": None}, 0.0)})
+    )
     lines = {line.split()[0]: line for line in text.splitlines() if line.split()}
     assert "running" in lines["controller"] and "60 us" in lines["controller"]
     assert text.count("250.0 Hz") == 2

@@ -2,12 +2,15 @@
 
 It also passes on what the operator asks for.
 
-    python -m tombo_flight.suite.monitor_node [--flight [--mocap]] [--px4] [--ros-args ...]
+    python -m tombo_flight.suite.monitor_node [--flight [--mocap]] [--px4] [--vehicle=NAME]
 
 `{"diagnostics": [status, ...]}` for each report on /diagnostics; with `--flight` also, 20 times a
 second, `{"flight": {...}}`: the newest true pose with its stamp, and the mission's phase. With
 `--mocap` it is the pose that the motion capture sees: the truth of a real vehicle is unknown.
 With `--px4` also `{"px4": {...}}`: each change of `/px4/status`.
+
+With `--vehicle=NAME`, which may be given many times, each vehicle's own topics and services are
+meant, and each line says whose it is: `"vehicle"`.
 
 A line on standard input, `hold`, `land` or `kill`, calls the services for it (std_srvs/Trigger,
 `operator_requests`); `{"answer": {"request", "success", "message"}}` says what came of it.
@@ -42,6 +45,7 @@ from tombo_ros.operator_requests import OperatorRequests
 from tombo_ros.topic import PolledSubscription
 
 _PERIOD_S = 0.05
+_VEHICLE = "--vehicle="
 _EVERY_NODE = 100
 """Reports of all nodes may come at once."""
 
@@ -61,6 +65,12 @@ class Monitor:
         self._mission = None if known is None else PolledSubscription(node, MISSION_STATUS)
         self._px4 = PolledSubscription(node, PX4_STATUS) if px4 else None
         self._phase: int | None = None
+        self._requests = OperatorRequests(node)
+
+    def lines(self, typed: str) -> list[dict[str, Any]]:
+        """Ask for what was typed; return what has come since the last call, and answers."""
+        refused = self._requests.read(typed)
+        return [*self.changes(), *refused, *self._requests.answers()]
 
     def changes(self) -> list[dict[str, Any]]:
         """Return what has come since the last call."""
@@ -108,21 +118,30 @@ def main(argv: Sequence[str] | None = None) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda caught, frame: stopped.append(caught))
     rclpy.init(args=arguments, signal_handler_options=rclpy.SignalHandlerOptions.NO)
-    node = Node("monitor", start_parameter_services=False)
     words = remove_ros_args(arguments)
-    monitor = Monitor(node, _known(words), px4="--px4" in words)
-    requests = OperatorRequests(node)
+    vehicles = [word.removeprefix(_VEHICLE) for word in words if word.startswith(_VEHICLE)]
+    nodes = {
+        name: Node("monitor", namespace=name or None, start_parameter_services=False)
+        for name in ["", *vehicles]
+    }
+    monitors = {
+        name: Monitor(node, None if vehicles and not name else _known(words), px4="--px4" in words)
+        for name, node in nodes.items()
+    }
     try:
         while not stopped:
-            refused = requests.read(_typed())
-            for line in (*monitor.changes(), *refused, *requests.answers()):
-                sys.stdout.write(json.dumps(line) + "\n")
+            typed = _typed()
+            for name, monitor in monitors.items():
+                vehicle = {"vehicle": name} if name else {}
+                for line in monitor.lines(typed if name or not vehicles else ""):
+                    sys.stdout.write(json.dumps(vehicle | line) + "\n")
             sys.stdout.flush()
             time.sleep(_PERIOD_S)
     except BrokenPipeError:
         sys.stderr.close()
     finally:
-        node.destroy_node()
+        for node in nodes.values():
+            node.destroy_node()
         rclpy.try_shutdown()
 
 

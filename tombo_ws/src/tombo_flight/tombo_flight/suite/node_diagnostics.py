@@ -69,12 +69,13 @@ class NodeDiagnostics:
     def __init__(self) -> None:
         self.nodes: dict[str, NodeStatus] = {}
 
-    def take(self, report: Iterable[Mapping[str, Any]], heard_s: float) -> None:
+    def take(self, report: Iterable[Mapping[str, Any]], heard_s: float, vehicle: str = "") -> None:
         """Take in one report: the statuses of a DiagnosticArray.
 
         Args:
             report: each status with name (`NODE` or `NODE: LOOP`), level, message, values.
             heard_s: when it came; any clock that goes on.
+            vehicle: whose nodes they are, of several: they are called VEHICLE/NODE.
         """
         heads: dict[str, Mapping[str, Any]] = {}
         loops: dict[str, dict[str, Any]] = {}
@@ -87,7 +88,7 @@ class NodeDiagnostics:
         for node in {**heads, **loops}:
             head = heads.get(node, {})
             level = int(head.get("level", 0))
-            self.nodes[node] = NodeStatus(
+            self.nodes[f"{vehicle}/{node}" if vehicle else node] = NodeStatus(
                 level,
                 str(head.get("message", "")) if level else "",
                 _numbers(head.get("values", {})),

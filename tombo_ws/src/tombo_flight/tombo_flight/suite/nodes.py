@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 from tombo_dynamics.core import Core
 from tombo_flight.own_files import with_imports
+from tombo_flight.several_vehicles import vehicle_names
 from tombo_flight.suite.supervisor import Program
 from tombo_sim.wiring import CORES, PX4_REPLACES
 
@@ -76,17 +77,42 @@ PX4_SUITE: dict[str, str] = {
 vehicle of its own at the other end of the link it is left out."""
 HIL_SIM = "tombo_px4.hil_sim_node"
 """`sim` of a real PX4: vehicle and mocap behind its simulator link."""
+GROUP = "tombo_flight.suite.group_node"
+"""Hosts several nodes of `SUITE`."""
+
+
+def groups(vehicles: int) -> dict[str, tuple[str, ...]]:
+    """Return the processes of several vehicles, with the nodes of each, as v1/estimator."""
+    names = vehicle_names(vehicles)
+    return {
+        "sim": tuple(f"{name}/sim" for name in names),
+        **{name: tuple(f"{name}/{core.name}" for core in CORES) for name in names},
+        "recorder": ("recorder",),
+    }
+
+
+def suite_of(vehicles: int) -> dict[str, str]:
+    """Return the processes of several vehicles, name → module."""
+    return dict.fromkeys(groups(vehicles), GROUP) | {"recorder": RECORDER}
+
+
 MONITOR = "monitor"
 MONITOR_MODULE = "tombo_flight.suite.monitor_node"
 """Not of the suite: forwards `/diagnostics` to the supervisor."""
 
 
-def node_program(name: str, parameters: Path, suite: Mapping[str, str] | None = None) -> Program:
-    """Return how to start a node of a suite with a file of parameters."""
+def node_program(
+    name: str,
+    parameters: Path,
+    suite: Mapping[str, str] | None = None,
+    members: Sequence[str] = (),
+) -> Program:
+    """Return how to start a node of a suite, or a group of them, with a file of parameters."""
     module = (SUITE if suite is None else suite)[name]
     core = ("-p", f"core:={name}") if module == HOST else ()
     ros = ("--ros-args", *core, "--params-file", str(parameters))
-    command = (sys.executable, *with_imports(module), *ros)
+    hosted = members if module == GROUP else ()
+    command = (sys.executable, *with_imports(module), *hosted, *ros)
     return Program(name, command, ends_last=module == RECORDER)
 
 

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from tombo_dynamics.params import as_text
 from tombo_flight.scenario import Scenario, as_mapping, load_scenario
+from tombo_flight.several_vehicles import vehicles_of
 from tombo_flight.wiring import NEW_TOPICS, records_of
 from tombo_sim.propeller_effects import vehicle_effects
 from tombo_sim.wiring import CORES
@@ -87,6 +88,27 @@ def suite_parameters(
     return table
 
 
+def several_parameters(
+    scenario: Scenario, seed: int, vehicles: int, *, lockstep: bool = False
+) -> Parameters:
+    """Return the parameters of every node of several vehicles, by their full names.
+
+    In lockstep the recorder takes no part: nobody waits for it.
+    """
+    flown = vehicles_of(scenario, vehicles, seed)
+    table: Parameters = {"recorder": {"namespaces": [vehicle.name for vehicle in flown]}}
+    for vehicle in flown:
+        own = suite_parameters(vehicle.scenario, vehicle.seed, lockstep=lockstep)
+        if lockstep:
+            own["sim"]["lockstep_nodes"].remove("recorder")
+        own["sim"] |= {f"start_{axis}": at for axis, at in zip("xy", vehicle.start, strict=True)}
+        others = [f"/{other.name}/mocap/pose" for other in flown if other is not vehicle]
+        own["mission"]["others"] = " ".join(others)
+        table["recorder"] |= own.pop("recorder")
+        table |= {f"/{vehicle.name}/{node}": values for node, values in own.items()}
+    return table
+
+
 def bridge_parameters(scenario: Scenario) -> dict[str, Any]:
     """Return what the bridge to PX4 has of a scenario."""
     return {section: asdict(getattr(scenario, section)) for section in BRIDGE_SECTIONS}
@@ -98,14 +120,15 @@ def parameter_yaml(parameters: Mapping[str, Mapping[str, Any]], comment: str = "
     Numbers keep their type, which ROS insists on: 1.0 is not written as 1. Texts are quoted.
 
     Args:
-        parameters: node → parameter → value, nested.
+        parameters: node → parameter → value, nested; a name with a slash is of one namespace.
         comment: stands at the top, line by line.
     """
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     for node, values in parameters.items():
         if not values:
             continue
-        lines += [f"{_ANYWHERE}{node}:", f"  {_PARAMETERS}:"]
+        name = node if node.startswith("/") else f"{_ANYWHERE}{node}"
+        lines += [f"{name}:", f"  {_PARAMETERS}:"]
         lines += _lines(values, "    ")
     return "\n".join(lines) + "\n"
 

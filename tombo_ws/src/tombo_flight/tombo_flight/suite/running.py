@@ -9,26 +9,36 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.scenario import Scenario
+from tombo_flight.several_vehicles import vehicle_names
 from tombo_flight.suite.node_diagnostics import NodeDiagnostics
 from tombo_flight.suite.nodes import (
     BRIDGE,
     HIGHEST_DOMAIN,
     MONITOR,
     SUITE,
+    groups,
     monitor_program,
     node_environment,
     node_program,
+    suite_of,
 )
-from tombo_flight.suite.parameter_yaml import bridge_parameters, parameter_yaml, suite_parameters
+from tombo_flight.suite.parameter_yaml import (
+    bridge_parameters,
+    parameter_yaml,
+    several_parameters,
+    suite_parameters,
+)
 from tombo_flight.suite.status_table import SuiteState
 from tombo_flight.suite.supervisor import ProcessExit, Program, Supervisor, json_object
+from tombo_sim.wiring import CORES
 
 PARAMETERS: Final = "parameters.yaml"
 LOGS: Final = "log"
+_Value = TypeVar("_Value")
 FASTEST: Final = 20.0
 _OTHERS_COME_S: Final = 30.0
 """Whoever has not come by then has failed: all code is compiled before."""
@@ -50,6 +60,7 @@ class SuiteConfig:
         monitor: arguments of the monitor.
         suite: which nodes there are, name → module; None: those of `SUITE`.
         more: further parameters of nodes, over those of the scenario.
+        vehicles: number of vehicles, each in a namespace; 0: one, without.
 
     Raises:
         InputError: unknown node, or a value out of bounds.
@@ -66,6 +77,7 @@ class SuiteConfig:
     monitor: tuple[str, ...] = ()
     suite: Mapping[str, str] | None = None
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    vehicles: int = 0
 
     def __post_init__(self) -> None:
         for name in self.without:
@@ -92,12 +104,19 @@ class SuiteConfig:
     @property
     def modules(self) -> Mapping[str, str]:
         """Name → module of the nodes there are."""
+        if self.vehicles:
+            return suite_of(self.vehicles)
         return SUITE if self.suite is None else self.suite
 
     @property
     def nodes(self) -> tuple[str, ...]:
         """Names of the nodes to start."""
         return tuple(name for name in self.modules if name not in self.without)
+
+    @property
+    def hosted(self) -> Mapping[str, Sequence[str]]:
+        """Process → the nodes in it, where it is not a node itself."""
+        return groups(self.vehicles) if self.vehicles else {}
 
 
 @dataclass(frozen=True)
@@ -107,7 +126,8 @@ class SuiteUpdate:
     Attributes:
         ended: nodes that ended by themselves.
         warnings: (node, line) of the logs: warnings and errors.
-        flight: the newest state of the flight, as the monitor tells it; None: no news.
+        flight: the newest state of the flight, as the monitor tells it; None: no news. Of several
+            vehicles that of one of them.
         px4: the newest state of the bridge to PX4; None: no news.
         answers: what came of requests to the mission: request, success, message.
     """
@@ -130,8 +150,9 @@ class RunningSuite:
         """
         self.nodes = config.nodes
         self.node_diagnostics = NodeDiagnostics()
-        self._flight: Mapping[str, Any] = {}
-        self._flight_s = 0.0
+        self._hosted = config.hosted
+        self._flights: dict[str, tuple[Mapping[str, Any], float]] = {}
+        """Vehicle → its newest state, and when it came."""
         self.ended: dict[str, ProcessExit] = {}
         """Nodes that ended by themselves."""
         config.folder.mkdir(parents=True, exist_ok=True)
@@ -167,12 +188,13 @@ class RunningSuite:
         said = [json_object(line) for _, line in poll.lines]
         now_s = time.monotonic()
         for message in said:
+            vehicle = message.get("vehicle", "")
             if "diagnostics" in message:
-                self.node_diagnostics.take(message["diagnostics"], now_s)
+                self.node_diagnostics.take(message["diagnostics"], now_s, vehicle)
+            if message.get("flight"):
+                self._flights[vehicle] = message["flight"], now_s
         newest = {key: value for message in said for key, value in message.items()}
         flight = newest.get("flight")
-        if flight:
-            self._flight, self._flight_s = flight, now_s
         ended = [end for end in poll.ended if end.name != MONITOR]
         self.ended |= {end.name: end for end in ended}
         warnings = list(poll.warnings)
@@ -187,15 +209,20 @@ class RunningSuite:
         """Return the suite as it is now."""
         now = time.monotonic()
         return SuiteState(
-            self.nodes,
-            self._supervisor.running,
-            self.ended,
+            tuple(node for name in self.nodes for node in self._nodes_of(name)),
+            self._by_node(self._supervisor.running),
+            self._by_node(self.ended),
             self.node_diagnostics,
             now,
             self.uptime_s,
-            self._flight,
-            now - self._flight_s,
+            {name: (flight, now - came_s) for name, (flight, came_s) in self._flights.items()},
         )
+
+    def _nodes_of(self, name: str) -> Sequence[str]:
+        return self._hosted.get(name, (name,))
+
+    def _by_node(self, processes: Mapping[str, _Value]) -> dict[str, _Value]:
+        return {node: of for name, of in processes.items() for node in self._nodes_of(name)}
 
     def request(self, name: str) -> bool:
         """Ask the nodes for hold, land or kill; False: there is nobody to pass it on."""
@@ -214,19 +241,31 @@ class RunningSuite:
 
 
 def _programs(config: SuiteConfig) -> Sequence[Program]:
-    parameters = suite_parameters(
-        config.scenario, config.seed, speed=config.speed, lockstep=config.lockstep
-    )
+    if config.vehicles:
+        parameters = several_parameters(
+            config.scenario, config.seed, config.vehicles, lockstep=config.lockstep
+        )
+    else:
+        parameters = suite_parameters(
+            config.scenario, config.seed, speed=config.speed, lockstep=config.lockstep
+        )
     if not config.lockstep:
-        others = " ".join(name for name in config.nodes if name != "sim")
-        parameters["sim"] |= {"starts_after": others, "start_patience": _OTHERS_COME_S}
+        cores = (core.name for core in CORES)
+        others = " ".join(cores if config.vehicles else config.nodes).replace("sim ", "")
+        for node in [node for node in parameters if node.rpartition("/")[2] == "sim"]:
+            parameters[node] |= {"starts_after": others, "start_patience": _OTHERS_COME_S}
     parameters["recorder"] |= config.recording
     if BRIDGE in config.nodes:
         parameters[BRIDGE] = bridge_parameters(config.scenario)
     for node, values in config.more.items():
-        parameters[node] = {**parameters.get(node, {}), **values}
+        for name in [name for name in parameters if name.endswith(f"/{node}")] or [node]:
+            parameters[name] = {**parameters.get(name, {}), **values}
     file = config.folder / PARAMETERS
     comment = f"The parameters with which {config.scenario.name}, seed {config.seed}, was started."
     file.write_text(parameter_yaml(parameters, comment), encoding="utf-8")
-    programs = [node_program(name, file.resolve(), config.modules) for name in config.nodes]
-    return [*programs, monitor_program(*config.monitor)]
+    programs = [
+        node_program(name, file.resolve(), config.modules, config.hosted.get(name, ()))
+        for name in config.nodes
+    ]
+    vehicles = [f"--vehicle={name}" for name in vehicle_names(config.vehicles)]
+    return [*programs, monitor_program(*config.monitor, *vehicles)]

@@ -39,8 +39,8 @@ class SuiteState:
         node_diagnostics: what the nodes say.
         now_s: on the clock of `node_diagnostics`.
         uptime_s: since the start.
-        flight: phase and height_m of the vehicle; empty: not known.
-        flight_age_s: age of these.
+        flights: vehicle → its phase and height_m, and their age [s]; the name is empty where there
+            is only one.
     """
 
     names: tuple[str, ...]
@@ -49,18 +49,15 @@ class SuiteState:
     node_diagnostics: NodeDiagnostics
     now_s: float
     uptime_s: float
-    flight: Mapping[str, Any] = field(default_factory=dict)
-    flight_age_s: float = 0.0
+    flights: Mapping[str, tuple[Mapping[str, Any], float]] = field(default_factory=dict)
 
     @property
     def flight_text(self) -> str:
-        """Phase and height of the vehicle in words; empty: not known."""
-        if not self.flight:
-            return ""
-        height = f"at {self.flight['height_m']:.2f} m"
-        if self.flight_age_s > _POSE_SILENT_S:
-            return f"no pose for {self.flight_age_s:.0f} s, last {height}"
-        return f"{_phase(self.flight) or 'no phase'} {height}"
+        """Phase and height of each vehicle in words; empty: not known."""
+        return ", ".join(
+            f"{name} {_flight_text(*known)}".lstrip()
+            for name, known in sorted(self.flights.items())
+        )
 
     def state(self, name: str) -> str:
         """Return `starting`, `running`, `silent`, or how it ended."""
@@ -86,6 +83,13 @@ class SuiteState:
                 "loops": {loop: dict(figures) for loop, figures in status.loops.items()},
             }
         return nodes
+
+
+def _flight_text(flight: Mapping[str, Any], age_s: float) -> str:
+    height = f"at {flight['height_m']:.2f} m"
+    if age_s > _POSE_SILENT_S:
+        return f"no pose for {age_s:.0f} s, last {height}"
+    return f"{_phase(flight) or 'no phase'} {height}"
 
 
 def status_table(suite: SuiteState) -> Group:
@@ -127,18 +131,26 @@ def status_line(suite: SuiteState) -> str:
             troubles.append(f"{name} {node['state']}")
         elif node["level"]:
             troubles.append(f"{name}: {node['faults']}")
-    return "; ".join([line, *([suite.flight_text] if suite.flight else []), *troubles])
+    return "; ".join([line, *([suite.flight_text] if suite.flights else []), *troubles])
 
 
 def status_object(suite: SuiteState) -> dict[str, Any]:
     """Return the suite as plain values."""
+    several = {name: _flight_object(*known) for name, known in suite.flights.items() if name}
     return {
         "event": "status",
         "uptime_s": round(suite.uptime_s, 1),
-        "phase": _phase(suite.flight) or None,
-        "height_m": suite.flight.get("height_m"),
-        "height_age_s": round(suite.flight_age_s, 1) if suite.flight else None,
+        **_flight_object(*suite.flights.get("", ({}, 0.0))),
+        **({"vehicles": several} if several else {}),
         "nodes": suite.nodes(),
+    }
+
+
+def _flight_object(flight: Mapping[str, Any], age_s: float) -> dict[str, Any]:
+    return {
+        "phase": _phase(flight) or None,
+        "height_m": flight.get("height_m"),
+        "height_age_s": round(age_s, 1) if flight else None,
     }
 
 

@@ -173,8 +173,24 @@ class Live {
     }
     this.scene.camera.glide(0.03);
     this.scene.draw(this.now);
+    this.drawVehicles();
     this.write();
     this.drawCurves();
+  }
+
+  /** Rings and names of several vehicles; the first one is drawn whole. */
+  drawVehicles() {
+    for (const { name, position } of this.last.vehicles || []) {
+      if (!position) continue;
+      const ring = Array.from({ length: 25 }, (_, k) => {
+        const angle = k * Math.PI / 12;
+        return [position[0] + 0.4 * Math.cos(angle), position[1] + 0.4 * Math.sin(angle), position[2]];
+      });
+      this.scene.stroke(ring, this.scene.paint.blue, 2);
+      this.scene.stroke([position, [position[0], position[1], 0]], this.scene.paint.muted, 1, [3, 3]);
+      const [x, y, depth] = this.scene.see(position);
+      if (depth > 0.1) this.scene.text(name, x, y - 10, this.scene.paint.ink, 12);
+    }
   }
 
   makeScene() {
@@ -196,7 +212,10 @@ class Live {
     const { pose } = last, shown = (x) => (x === null ? "–" : `${x.toFixed(0)} ms`);
     const states = Object.entries(last.state).filter(([key]) => !key.startsWith("node "));
     const faulty = Object.entries(last.state).filter(([key, text]) => key.startsWith("node ") && !text.startsWith("ok"));
+    const vehicles = (last.vehicles || []).map(({ name, position, phase }) =>
+      [name, position ? `${phase || "no phase"} at ${position[2].toFixed(2)} m` : "not seen", position ? "" : "bad"]);
     fillList(find("states"), [
+      ...vehicles,
       ["poses", `latency ${shown(pose.latency_ms)}, age ${shown(pose.age_ms)}`, pose.silent ? "bad" : ""],
       ...states,
       ...faulty.map(([key, text]) => [key, text, "bad"]),

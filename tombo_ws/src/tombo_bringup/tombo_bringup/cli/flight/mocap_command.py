@@ -31,6 +31,7 @@ class _Mocap:
         "[HOST|TOPIC]", "Address of the motion-capture computer; of system ros a topic.", None
     )
     body: str | None = _option("body", "NAME")
+    bodies: str | None = _option("bodies", "NAMES")
     up: str | None = _option("up", "AXIS")
     nose: str | None = _option("nose", "AXIS")
     frame: str | None = _option("frame", "ID")
@@ -43,6 +44,8 @@ class _Mocap:
 @command(app, "mocap", lab=True, epilog="Exit code: 0 when it was stopped, 2 for bad input.")
 def mocap(given: _Mocap) -> None:
     """Publish the poses of the vehicle's rigid body as /mocap/pose, until it is stopped.
+
+    With --bodies those of several vehicles, as /v1/mocap/pose, /v2/mocap/pose.
 
     They are in map, of base_link, with the time of their capture, whatever the axes of the system
     are. It is the node mocap_node of tombo_mocap.
@@ -57,5 +60,6 @@ def mocap(given: _Mocap) -> None:
     for name, value in vars(params).items():
         if value != _FIELDS[name].default:
             words += ["-p", f"mocap.{name}:={json.dumps(value)}"]  # a body may be called 1
-    sys.stderr.write(f"/mocap/pose from {given.system} {given.host or ''}; Ctrl-C ends it\n")
+    topics = ", ".join(f"{space}/mocap/pose" for space in params.tracked)
+    sys.stderr.write(f"{topics} from {given.system} {given.host or ''}; Ctrl-C ends it\n")
     replace_process_by("tombo_mocap", "mocap_node", words)

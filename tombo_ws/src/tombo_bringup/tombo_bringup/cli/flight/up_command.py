@@ -17,13 +17,18 @@ from tombo_bringup.cli.flight.optional_url import (
     Px4Options,
     expand_url_option,
 )
-from tombo_bringup.cli.options import command, option, record
+from tombo_bringup.cli.options import OptionRule, command, option, record
 
 if TYPE_CHECKING:
     from tombo_flight.suite.running import SuiteConfig
 
 app = typer.Typer()
 
+MOST_VEHICLES = 9
+SEVERAL = (
+    OptionRule("--px4", "px4", (), ("vehicles",), "without --vehicles"),
+    OptionRule("--speed {speed:g}", "speed", (), ("vehicles",), "without --vehicles"),
+)
 UP_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 1 when a node ended by "
     "itself before, or when arming was not confirmed, 2 for bad input."
@@ -36,6 +41,12 @@ _LOOK_S = 0.1
 class _Up:
     without: list[str] | None = option(
         "--without NODE", "Leave a node out. May be given many times."
+    )
+    vehicles: int | None = option(
+        "--vehicles N",
+        "Fly so many vehicles side by side, in the namespaces v1, v2, each with its nodes in a "
+        "process.",
+        bounds=(1, MOST_VEHICLES),
     )
 
 
@@ -71,8 +82,13 @@ def up(
     from tombo_flight.suite.running import SuiteConfig
 
     speed = 1.0 if pace.speed is None else pace.speed
-    given = {"px4_url": px4.url, "speed": None if speed == 1.0 else speed}
-    options.check_options((*PX4_RULES, PX4_SPEED), variation, px4, **given)
+    vehicles = more.vehicles or 0
+    given = {
+        "px4_url": px4.url,
+        "speed": None if speed == 1.0 else speed,
+        "vehicles": more.vehicles,
+    }
+    options.check_options((*PX4_RULES, PX4_SPEED, *SEVERAL), variation, px4, **given)
     connection = px4.connection()
     changes, without = variation.changes, tuple(more.without or ())
     over = {} if connection is None else over_mavlink(connection)
@@ -88,6 +104,7 @@ def up(
         speed=speed,
         domain=domain.domain,
         monitor=("--flight", "--mocap"),
+        vehicles=vehicles,
         **{**over, "without": (*over.get("without", ()), *without)},
     )
     warm_up_nodes(config.scenario)  # compiles what is not compiled yet, and finds bad input

@@ -74,7 +74,7 @@ def setting_of(nominal: NominalModel, flights: int) -> Setting:
         return replace(
             SETTING,
             max_confidence=healthy_confidence(nominal.healthy),
-            log_prior_cost=math.log(len(REGISTRY)),
+            log_prior_cost=math.log(sum(not effect.company for effect in REGISTRY.values())),
         )
     if not nominal.calibrated:
         return SETTING
