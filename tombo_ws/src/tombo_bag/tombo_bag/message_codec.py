@@ -7,7 +7,6 @@ writes them, one in some microseconds, or a column of them at once.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
@@ -69,14 +68,6 @@ class _Part:
     def is_text(self) -> bool:
         """Whether it is a string."""
         return self.count == 0 and not self.is_time
-
-    def format(self, dtype: np.dtype[Any]) -> str:
-        """Return how `struct` packs it; `dtype`: of its first leaf."""
-        if self.is_time:
-            return "<iI"
-        if self.is_text:
-            return f"<{dtype.itemsize}s"
-        return f"<{self.count}{dtype.char.replace('l', 'q').replace('L', 'Q')}"
 
 
 @dataclass(frozen=True)
@@ -172,10 +163,6 @@ class _Shape:
                 "itemsize": len(shape.template),
             }
         )
-        self._places = [
-            (part, struct.Struct(part.format(leaf.dtype)), leaf.offset)
-            for part, leaf in zip(self._parts, at, strict=True)
-        ]
         self._template = shape.template
         self.frames: dict[str, str] = {}
         """Path → frame in the messages, of those that must be as in the form."""
@@ -192,14 +179,16 @@ class _Shape:
         )
 
     def read(self, data: bytes) -> Any:
-        values: list[Any] = []
-        for part, place, offset in self._places:
-            value, *more = place.unpack_from(data, offset)
+        record, values = np.frombuffer(data, self._dtype, 1)[0], list[Any]()
+        for part in self._parts:
+            value = record[part.name]
             if part.is_time:
-                value = value * SECOND_NS + more[0]
+                seconds, nanoseconds = value.item()
+                values.append(seconds * SECOND_NS + nanoseconds)
             elif part.is_text:
-                value = value.decode("utf-8", "replace")
-            values.append(np.array([value, *more], np.float64) if part.count > 1 else value)
+                values.append(value.item().decode("utf-8", "replace"))
+            else:
+                values.append(value.astype(np.float64) if part.count > 1 else value.item())
         return self._kind(*values)
 
     def write(self, columns: Mapping[str, Any], number: int = 1) -> NDArray[np.void]:
