@@ -158,7 +158,8 @@ def chatter(tmp_path):
     path = tmp_path / "chatter.mcap"
     with McapSink(path) as sink:
         channel = sink.add_channel("/chatter", "std_msgs/msg/String")
-        sink.write(channel, encode("std_msgs/msg/String", {"data": "hello"}), 1)
+        hello = encode("std_msgs/msg/String", {"data": "hello"})
+        sink.write_columns(Columns(channel, np.array([1]), [hello]))
     return path
 
 
@@ -184,8 +185,9 @@ def test_messages_written_out_of_order_are_fed_in_order_of_arrival(tmp_path, fli
     shuffled = np.random.default_rng(3).permutation(len(raw.messages))
     with McapSink(path) as sink:
         channel = sink.add_channel("/mocap/pose", POSE)
-        for i in shuffled.tolist():
-            sink.write(channel, raw.messages[i], int(raw.log_times_ns[i]))
+        for part in np.array_split(shuffled, 20):
+            messages = [raw.messages[i] for i in part.tolist()]
+            sink.write_columns(Columns(channel, raw.log_times_ns[part], messages))
     assert events(path) == [24.233]
 
 

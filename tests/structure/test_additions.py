@@ -163,6 +163,7 @@ ADDITIONS = {
 
 USE = """
 import json, sys
+import numpy as np
 from importlib import import_module as from_
 from pathlib import Path
 
@@ -183,8 +184,10 @@ def sent_and_recorded(topic, name, *values):
     codec = from_("tombo_bag.message_codec")
     spec = from_("tombo_bag.topics").TOPICS[topic]
     data = codec.MessageCodec(spec.typename).encode(kind(*values))
-    with from_("tombo_bag.formats.mcap_sink").McapSink(Path("a.mcap")) as sink:
-        sink.write(sink.add_channel(topic, spec.typename), data, 1)
+    mcap_sink = from_("tombo_bag.formats.mcap_sink")
+    with mcap_sink.McapSink(Path("a.mcap")) as sink:
+        channel = sink.add_channel(topic, spec.typename)
+        sink.write_columns(mcap_sink.Columns(channel, np.array([1]), [data]))
     with from_("tombo_bag.recording").Recording("a.mcap") as recording:
         (read,) = codec.messages_of(spec.typename, recording.columns(topic))
     record = from_("tombo_dynamics.message_records").record_of(kind)

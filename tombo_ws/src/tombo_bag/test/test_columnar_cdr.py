@@ -36,8 +36,6 @@ def test_any_message_can_be_built_from_any_other_of_its_shape(data):
     copied = np.frombuffer(copy, shape.dtype)
     for name in shape.dtype.names or ():
         copied[name] = numbers[name]
-    for text in shape.texts:
-        copy[text.offset : text.offset + text.size] = message[text.offset :][: text.size]
     for offset in (0, *shape.counts):
         copy[offset : offset + 4] = message[offset : offset + 4]
     assert bytes(copy) == message
@@ -104,8 +102,7 @@ def test_a_count_larger_than_the_message_is_refused():
 def test_a_message_without_fields_takes_a_byte():
     text = "c/Nothing[] many\nc/Nothing one\nuint8 x\n" + "=" * 80 + "\nMSG: c/Nothing\n"
     types = parse_schema("a/msg/B", text)
-    message = encode("a/msg/B", {"many": [{}, {}], "x": 7}, types)
-    assert message.hex(" ", 4) == "00010000 02000000 00000007"
+    message = bytes.fromhex("00010000 02000000 00000007")
     assert layout_of("a/msg/B", message, types).leaves[-1].offset == 11
     with pytest.raises(InputError, match="ends too early"):
         layout_of("a/msg/B", message[:4] + b"\xff\xff\xff\xff" + message[8:], types)

@@ -5,15 +5,15 @@ then the fields in order. A number of k bytes starts at a multiple of k, counted
 bytes; a string is its length with the closing zero, then its bytes; a sequence is its count, then
 its elements. (OMG DDS-XTypes 1.3, section 7.4.1.)
 
-If strings keep their text and sequences their count, each message of a type has the same bytes at
-the same places but for its numbers. So a *layout* is worked out once from one template message,
-and the numbers of N messages are then laid in as N-element columns.
+If strings keep their length and sequences their count, each message of a type has its numbers and
+texts at the same places. So a *layout* is worked out once from one template message, and the
+numbers of N messages are then laid in as N-element columns. `rosbags` writes the template.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
-from tombo_bag.schemas import Types, known_types
+from tombo_bag.schemas import Types, known_types, type_store
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 
@@ -51,12 +51,12 @@ EMPTY_MEMBER = ("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8",
 
 @dataclass(frozen=True)
 class Leaf:
-    """One number, or one run of equal numbers, in a message.
+    """One number, one run of equal numbers, or one string in a message.
 
     Attributes:
         path: where it stands, as in `pose.position.x` or `transforms[0].header.stamp.sec`.
-        dtype: numpy type of one number.
-        count: None for a single number, else the length of the array or sequence.
+        dtype: numpy type of one number; of a string, of kind V, its bytes without closing zero.
+        count: None for a single number or a string, else the length of the array or sequence.
         offset: bytes from the message's first byte.
     """
 
@@ -65,14 +65,10 @@ class Leaf:
     count: int | None
     offset: int
 
-
-@dataclass(frozen=True)
-class TextPlace:
-    """One string in a message: `size` bytes of UTF-8 from `offset`, closing zero not counted."""
-
-    path: str
-    offset: int
-    size: int
+    @property
+    def is_text(self) -> bool:
+        """Whether it is a string."""
+        return self.dtype.kind == "V"
 
 
 @dataclass(frozen=True)
@@ -82,15 +78,13 @@ class Layout:
     Attributes:
         typename: message type.
         template: a message of this shape.
-        leaves: the numbers, in order.
-        texts: the strings, in order.
+        leaves: numbers and strings, in order.
         counts: offsets of the 4-byte lengths of strings and sequences, which make the shape.
     """
 
     typename: str
     template: bytes
     leaves: tuple[Leaf, ...]
-    texts: tuple[TextPlace, ...]
     counts: tuple[int, ...]
 
     @cached_property
@@ -107,7 +101,7 @@ class Layout:
     @cached_property
     def dtype(self) -> np.dtype[Any]:
         """Numpy structured type of a whole message: one named field per leaf, none overlapping."""
-        filled = [leaf for leaf in self.leaves if leaf.count != 0]
+        filled = [leaf for leaf in self.leaves if leaf.count != 0 and leaf.dtype.itemsize]
         return np.dtype(
             {
                 "names": [leaf.path for leaf in filled],
@@ -120,58 +114,54 @@ class Layout:
             }
         )
 
-    def records(self, number: int) -> NDArray[np.void]:
+    def records(self, number: int, dtype: np.dtype[Any] | None = None) -> NDArray[np.void]:
         """Return `number` copies of the template as a writable structured array.
 
         Assign columns by path, `records["pose.position.x"] = x`; the array's bytes are then the
         messages, one after the other. A slice is fine, but not a copy: numpy copies the named
-        fields alone, not the strings and counts between them.
+        fields alone, not the counts between them. `dtype`: another view of a message.
         """
-        return np.frombuffer(bytearray(self.template * number), dtype=self.dtype)
+        buffer = bytearray(self.template * number)
+        return np.frombuffer(buffer, self.dtype if dtype is None else dtype)
 
 
-def encode(typename: str, values: Mapping[str, Any], types: Types | None = None) -> bytes:
+def encode(typename: str, values: Mapping[str, Any]) -> bytes:
     """Write one message.
 
     Args:
         typename: message type.
         values: fields by name; nested messages as mappings, arrays and sequences as sequences.
             A field left out is zero, empty or, for a nested message, default throughout.
-        types: definitions to use instead of the known ones.
 
     Raises:
         InputError: unknown type or field, or an array of the wrong length.
     """
-    known = known_types() if types is None else types
-    writer = _Writer(known)
-    writer.message(typename, values, "")
-    return bytes(writer.buffer)
+    return bytes(type_store().serialize_cdr(_message(typename, values, ""), typename))
 
 
-def lay_in(records: NDArray[np.void], path: str, values: NDArray[Any]) -> None:
+def lay_in(records: NDArray[np.void], path: str, values: Any) -> None:
     """Lay a column into the field at a path, or a vector's into the fields x, y, z, w below it.
 
     Args:
         records: (N,) of `Layout.records`.
         path: of a number or an array of numbers, or of a message with x, y, z (and w).
-        values: (N,) or (N, k).
+        values: (N,) or (N, k); what is alike in all may lack N.
     """
     if path in (records.dtype.names or ()):
         records[path] = values
         return
-    for i, axis in enumerate("xyzw"[: values.shape[1]]):
-        records[f"{path}.{axis}"] = values[:, i]
+    for axis, column in zip("xyzw", np.asarray(values).T, strict=False):
+        records[f"{path}.{axis}"] = column
 
 
-def lay_in_times(records: NDArray[np.void], path: str, times_ns: NDArray[np.int64]) -> None:
-    """Lay (N,) times [ns] into the builtin_interfaces/Time at a path."""
-    records[f"{path}.sec"], records[f"{path}.nanosec"] = np.divmod(times_ns, SECOND_NS)
+def lay_in_times(records: NDArray[np.void], path: str, times_ns: Any) -> None:
+    """Lay times [ns], (N,) or one for all, into the builtin_interfaces/Time at a path."""
+    records[f"{path}.sec"], records[f"{path}.nanosec"] = divmod(times_ns, SECOND_NS)
 
 
-def layout(typename: str, template: Mapping[str, Any], types: Types | None = None) -> Layout:
+def layout(typename: str, template: Mapping[str, Any]) -> Layout:
     """Work out the layout of the messages that look like a template (see `encode`)."""
-    known = known_types() if types is None else types
-    return layout_of(typename, encode(typename, template, known), known)
+    return layout_of(typename, encode(typename, template), known_types())
 
 
 def layout_of(typename: str, message: bytes, types: Types) -> Layout:
@@ -191,71 +181,39 @@ def layout_of(typename: str, message: bytes, types: Types) -> Layout:
     except struct.error as error:
         size = len(message)
         raise InputError(f"message of {typename} ends too early, after {size} bytes") from error
-    return Layout(
-        typename, message, tuple(reader.leaves), tuple(reader.texts), tuple(reader.counts)
-    )
+    return Layout(typename, message, tuple(reader.leaves), tuple(reader.counts))
 
 
-class _Writer:
-    """Walks a type's definition and appends the values given for it."""
+def _message(typename: str, values: Mapping[str, Any], path: str) -> Any:
+    """Return a message as an object of `rosbags`."""
+    fields = dict(_fields(known_types(), typename))
+    unknown = values.keys() - fields
+    if unknown:
+        raise unknown_name(f"field of {typename}", path + min(unknown), fields)
+    given = {name: _field(of, values.get(name), path + name) for name, of in fields.items()}
+    return type_store().types[typename](**given)
 
-    def __init__(self, types: Types) -> None:
-        self.types = types
-        self.buffer = bytearray(ENCAPSULATION)
 
-    def message(self, typename: str, values: Mapping[str, Any], path: str) -> None:
-        fields = _fields(self.types, typename)
-        unknown = set(values) - {name for name, _ in fields}
-        if unknown:
-            raise unknown_name(
-                f"field of {typename}", path + min(unknown), [name for name, _ in fields]
-            )
-        for name, (kind, content) in fields:
-            self.field(kind, content, values.get(name), path + name)
-
-    def field(self, kind: int, content: Any, value: Any, path: str) -> None:
-        if kind == Nodetype.BASE:
-            self.base(content[0], value)
-        elif kind == Nodetype.NAME:
-            self.message(content, {} if value is None else value, path + ".")
-        else:
-            element, size = content
-            fixed = kind == Nodetype.ARRAY
-            items = _items(value, size if fixed else 0, path)
-            if fixed and len(items) != size:
-                raise InputError(f"{path} has {len(items)} elements; accepted: {size}")
-            if not fixed:
-                self.length(len(items))
-            self.elements(element, items, path)
-
-    def elements(self, element: tuple[int, Any], items: Any, path: str) -> None:
-        kind, content = element
-        if kind == Nodetype.BASE and content[0] != "string":
-            dtype = number_type(content[0])
-            if len(items):
-                self.align(dtype.itemsize)
-                numbers = np.zeros(len(items)) if items[0] is None else np.asarray(items)
-                self.buffer += numbers.astype(dtype).tobytes()
-        else:
-            for i, item in enumerate(items):
-                self.field(kind, content, item, f"{path}[{i}]")
-
-    def base(self, name: str, value: Any) -> None:
-        if name == "string":
-            text = ("" if value is None else str(value)).encode() + b"\0"
-            self.length(len(text))
-            self.buffer += text
-        else:
-            dtype = number_type(name)
-            self.align(dtype.itemsize)
-            self.buffer += np.asarray(0 if value is None else value, dtype).tobytes()
-
-    def length(self, value: int) -> None:
-        self.align(4)
-        self.buffer += struct.pack("<I", value)
-
-    def align(self, size: int) -> None:
-        self.buffer += bytes(-(len(self.buffer) - 4) % size)
+def _field(descriptor: tuple[int, Any], value: Any, path: str) -> Any:
+    """Return the value of a field as `rosbags` has it."""
+    kind, content = descriptor
+    if kind == Nodetype.NAME:
+        return _message(content, value or {}, f"{path}.")
+    if kind == Nodetype.BASE:
+        if content[0] == "string":
+            return str(value or "")
+        return number_type(content[0]).type(0 if value is None else value)
+    element, size = content
+    fixed = kind == Nodetype.ARRAY
+    items = (None,) * size * fixed if value is None else value
+    if isinstance(items, (str, Mapping)) or not hasattr(items, "__len__"):
+        raise InputError(f"{path} is {shown(value)}; accepted: a sequence")
+    if fixed and len(items) != size:
+        raise InputError(f"{path} has {len(items)} elements; accepted: {size}")
+    if element[0] == Nodetype.BASE and element[1][0] != "string":
+        dtype = number_type(element[1][0])
+        return np.zeros(len(items), dtype) if value is None else np.asarray(items, dtype)
+    return [_field(element, item, f"{path}[{i}]") for i, item in enumerate(items)]
 
 
 class _Reader:
@@ -266,7 +224,6 @@ class _Reader:
         self.bytes = message
         self.position = 4
         self.leaves: list[Leaf] = []
-        self.texts: list[TextPlace] = []
         self.counts: list[int] = []
 
     def message(self, typename: str, path: str) -> None:
@@ -296,9 +253,9 @@ class _Reader:
         if name != "string":
             self.numbers(number_type(name), None, path)
             return
-        size = self.length()
-        self.texts.append(TextPlace(path, self.position, max(size - 1, 0)))
+        size, begin = self.length(), self.position
         self.skip(size)
+        self.leaves.append(Leaf(path, np.dtype(("V", max(size - 1, 0))), None, begin))
 
     def numbers(self, dtype: np.dtype[Any], count: int | None, path: str) -> None:
         if count != 0:
@@ -333,12 +290,3 @@ def _fields(types: Types, typename: str) -> list[tuple[str, Any]]:
     if typename not in types:
         raise unknown_name("message type", typename, types)
     return types[typename][1] or [EMPTY_MEMBER]
-
-
-def _items(value: Any, size: int, path: str) -> Sequence[Any]:
-    if value is None:
-        return [None] * size
-    if isinstance(value, (str, Mapping)) or not hasattr(value, "__len__"):
-        raise InputError(f"{path} is {shown(value)}; accepted: a sequence")
-    items: Sequence[Any] = value
-    return items

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.columnar_cdr import Layout, Leaf, TextPlace, layout_of
+from tombo_bag.columnar_cdr import Layout, Leaf, layout_of
 from tombo_bag.schemas import Types
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
@@ -75,16 +75,13 @@ def columns_of(
         return columns_of(typename, [messages[i] for i in there], types)
     table: ColumnTable = {}
     leaves: dict[str, dict[int, Leaf]] = {}
-    texts: dict[str, dict[int, TextPlace]] = {}
     for i, group in enumerate(groups):
         for leaf in group.layout.leaves:
             leaves.setdefault(leaf.path, {})[i] = leaf
-        for text in group.layout.texts:
-            texts.setdefault(text.path, {})[i] = text
-    for path, numbers in leaves.items():
-        table[path] = _numbers(path, numbers, groups, len(messages))
-    for path, by_group in texts.items():
-        table[path] = _strings(by_group, groups, len(messages))
+    for are_texts, column in ((False, _numbers), (True, _texts)):
+        for path, of in leaves.items():
+            if next(iter(of.values())).is_text == are_texts:
+                table[path] = column(path, of, groups, len(messages))
     if "header.stamp.sec" in table and "header.stamp.nanosec" in table:
         seconds = table["header.stamp.sec"].astype(np.int64)
         table["stamp_ns"] = seconds * SECOND_NS + table["header.stamp.nanosec"]
@@ -143,28 +140,16 @@ def _numbers(
     return ragged
 
 
-def _strings(
-    texts: Mapping[int, TextPlace], groups: list[ShapeGroup], number: int
+def _texts(
+    path: str, leaves: Mapping[int, Leaf], groups: list[ShapeGroup], number: int
 ) -> NDArray[Any]:
     column = np.full(number, "", object)
-    for i, text in texts.items():
-        column[groups[i].rows] = _decoded(text, groups[i].block)
+    for i, leaf in leaves.items():
+        if leaf.dtype.itemsize:
+            raw = groups[i].records[path].tolist()
+            words = {word: word.decode("utf-8", "replace") for word in set(raw)}
+            column[groups[i].rows] = [words[word] for word in raw]
     return column.astype(np.str_)
-
-
-def _decoded(text: TextPlace, block: NDArray[np.uint8]) -> NDArray[Any]:
-    if text.size == 0:
-        return np.full(len(block), "", object)
-    raw = np.ascontiguousarray(block[:, text.offset : text.offset + text.size])
-    if (raw == raw[0]).all():
-        return np.full(len(raw), _word(raw[0].tobytes()), object)
-    column = np.empty(len(raw), object)
-    column[:] = [_word(item) for item in raw.view(f"V{text.size}").ravel().tolist()]
-    return column
-
-
-def _word(raw: bytes) -> str:
-    return raw.decode("utf-8", "replace")
 
 
 def stacked_columns(

@@ -20,8 +20,7 @@ from tombo_bag.flight import Flight, Topic
 from tombo_bag.flight_time import FLIGHT_METADATA, nanoseconds
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.markers import GREEN, RED, obstacle_marker, point_marker
-from tombo_bag.message_codec import FORMS, encoded
-from tombo_bag.message_template import CONSTANTS
+from tombo_bag.message_codec import CONSTANTS, FORMS, encoded
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,

@@ -1,7 +1,8 @@
 """Bytes of messages (CDR) ⇄ the dataclasses of `tombo_dynamics.messages`.
 
-Where a field stands follows from its name and its metadata. Messages of one shape
-(`MessageTemplate`) are read and written in some microseconds.
+Where a field stands follows from its name and its metadata. All messages of a topic have one shape
+as long as their texts keep their lengths: a numpy type with the fields of the dataclass reads and
+writes them, one in some microseconds, or a column of them at once.
 """
 
 from __future__ import annotations
@@ -15,19 +16,33 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
-from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
+from tombo_bag.columnar_cdr import Layout, layout, layout_of
 from tombo_bag.columns import ColumnTable, TopicColumns
-from tombo_bag.message_template import Field, MessageTemplate, TimeField
 from tombo_bag.schemas import known_types
-from tombo_bag.topics import POSE_TYPES
+from tombo_bag.topics import BATTERY, POSE_TYPES, TF
 from tombo_dynamics import messages
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.frames import FRAME_MAP
+from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.time_base import SECOND_NS
 
 _Kind = TypeVar("_Kind")
 _SHAPES = 8
 """So many shapes of a type are kept."""
+_TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
+_UNKNOWN = ("temperature", "charge", "capacity", "design_capacity", "percentage")
+CONSTANTS: Mapping[str, Mapping[str, Any]] = {
+    TF.typename: {
+        "transforms": [{"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}]
+    },
+    BATTERY.typename: {
+        "header": {"frame_id": FRAME_BODY},
+        "present": True,
+        "power_supply_status": 2,  # discharging
+        "power_supply_technology": 3,  # lithium polymer
+        **dict.fromkeys(_UNKNOWN, float("nan")),
+    },
+}
+"""Of the suite's types without a dataclass: what always stands in a message."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +50,12 @@ class _Part:
     """Where one field of a dataclass stands in the message.
 
     Attributes:
+        name: of the field.
         path: of its first number, of its string, or of its time.
         count: numbers of an array; 1: a single number; 0: a string or a time.
     """
 
+    name: str
     path: str
     count: int = 1
 
@@ -105,56 +122,87 @@ def _parts(typename: str) -> tuple[_Part, ...]:
         or _HEADER.get(field.name, field.name.removesuffix("_ns"))
         for field in fields(form_of(typename).kind)
     }
-    return tuple(_part(typename, path) for path in paths.values())
+    return tuple(_part(typename, name, path) for name, path in paths.items())
 
 
-def _part(typename: str, path: str) -> _Part:
+def _part(typename: str, name: str, path: str) -> _Part:
     """Look up in the definition of a message what stands at a path."""
     types, inside = known_types(), typename
-    for name in path.split("."):
-        kind, inside = dict(types[inside][1])[name]
+    for step in path.split("."):
+        kind, inside = dict(types[inside][1])[step]
     if kind == Nodetype.ARRAY:
-        return _Part(path, int(inside[1]))
+        return _Part(name, path, int(inside[1]))
     if kind == Nodetype.BASE:
-        return _Part(path, 0 if inside[0] == "string" else 1)
+        return _Part(name, path, 0 if inside[0] == "string" else 1)
     if inside == "builtin_interfaces/msg/Time":
-        return _Part(path, 0)
-    return _Part(f"{path}.x", len(types[inside][1]))
+        return _Part(name, path, 0)
+    return _Part(name, f"{path}.x", len(types[inside][1]))
+
+
+def _array_type(dtype: np.dtype[Any], count: int) -> np.dtype[Any]:
+    return np.dtype((dtype, (count,))) if count > 1 else dtype
 
 
 class _Shape:
-    """One shape of a message, and where the fields of the dataclass stand in it."""
+    """Messages of a type with the same lengths of texts, by the fields of the dataclass."""
 
-    def __init__(self, typename: str, template: MessageTemplate) -> None:
-        self.template = template
-        self._kind = form_of(typename).kind
-        self._parts = _parts(typename)
-        self._places: list[Field | TimeField | str] = []
-        for part in self._parts:
-            if part.is_time:
-                self._places.append(template.time(part.path))
-            elif part.is_text:
-                self._places.append(template.texts[part.path])
-            else:
-                self._places.append(template.field(part.path, part.count))
+    def __init__(self, typename: str, shape: Layout) -> None:
+        form = form_of(typename)
+        self._kind, self._parts = form.kind, _parts(typename)
+        leaves = {leaf.path: leaf for leaf in shape.leaves}
+        at = [leaves[f"{part.path}.sec" if part.is_time else part.path] for part in self._parts]
+        types = [
+            _TIME if part.is_time else _array_type(leaf.dtype, part.count)
+            for part, leaf in zip(self._parts, at, strict=True)
+        ]
+        self._dtype = np.dtype(
+            {
+                "names": [part.name for part in self._parts],
+                "formats": types,
+                "offsets": [leaf.offset for leaf in at],
+                "itemsize": len(shape.template),
+            }
+        )
+        self._template = shape.template
+        self.frames: dict[str, str] = {}
+        """Path → frame in the messages, of those that must be as in the form."""
+        self._marks = [(at, shape.template[at : at + 4]) for at in (0, *shape.counts)]
+        for path in () if form.any_frame else form.frames:
+            begin, size = leaves[path].offset, leaves[path].dtype.itemsize
+            self._marks.append((begin, shape.template[begin : begin + size]))
+            self.frames[path] = self._marks[-1][1].decode("utf-8", "replace")
+
+    def fits(self, data: bytes) -> bool:
+        """Return whether bytes have this shape: the same lengths and frames."""
+        return len(data) >= len(self._template) and all(
+            data.startswith(mark, at) for at, mark in self._marks
+        )
 
     def read(self, data: bytes) -> Any:
-        values: list[Any] = []
-        for part, place in zip(self._parts, self._places, strict=True):
-            if isinstance(place, Field):
-                numbers = place.of(data)
-                values.append(numbers[0] if part.count == 1 else np.array(numbers))
+        record, values = np.frombuffer(data, self._dtype, 1)[0], list[Any]()
+        for part in self._parts:
+            value = record[part.name]
+            if part.is_time:
+                seconds, nanoseconds = value.item()
+                values.append(seconds * SECOND_NS + nanoseconds)
+            elif part.is_text:
+                values.append(value.item().decode("utf-8", "replace"))
             else:
-                values.append(place if isinstance(place, str) else place.of(data))
+                values.append(value.astype(np.float64) if part.count > 1 else value.item())
         return self._kind(*values)
 
-    def write(self, values: list[Any]) -> bytes:
-        for part, place, value in zip(self._parts, self._places, values, strict=True):
-            if isinstance(place, Field):
-                place.put((value,) if part.count == 1 else value)
-            elif isinstance(place, TimeField):
-                place.put(max(value, 0))
-        return self.template.data()
+    def write(self, columns: Mapping[str, Any], number: int = 1) -> NDArray[np.void]:
+        """Return N messages; a field is (N,) or (N, k), or lacks N where it is the same in all."""
+        records = np.frombuffer(bytearray(self._template * number), self._dtype)
+        for part in self._parts:
+            if part.is_text or part.name not in columns:
+                continue
+            field, values = records[part.name], columns[part.name]
+            if part.is_time:
+                field["sec"], field["nanosec"] = divmod(values, SECOND_NS)
+            else:
+                field[...] = values
+        return records
 
 
 class MessageCodec:
@@ -169,7 +217,8 @@ class MessageCodec:
         self.typename = typename
         self._form = form_of(typename)
         self._names = [field.name for field in fields(self._form.kind)]
-        self._texts = [(i, part.path) for i, part in enumerate(_parts(typename)) if part.is_text]
+        self._times = [part.name for part in _parts(typename) if part.is_time]
+        self._texts = {part.path: part.name for part in _parts(typename) if part.is_text}
         self._read: list[_Shape] = []
         self._written: dict[tuple[str, ...], _Shape] = {}
 
@@ -180,32 +229,28 @@ class MessageCodec:
             InputError: the bytes are no message of this type, or of another frame.
         """
         for shape in self._read:
-            if shape.template.fits(data):
+            if shape.fits(data):
                 return shape.read(data)
-        template = MessageTemplate.of_bytes(self.typename, data)
-        frames = {} if self._form.any_frame else self._form.frames
-        for path, frame in frames.items():
-            text = template.texts[path]
-            if text.lstrip("/") != frame:
-                raise InputError(f"{path} is '{text}'; accepted: '{frame}'")
-        shape = _Shape(self.typename, template)
+        shape = _Shape(self.typename, layout_of(self.typename, data, known_types()))
+        for path, text in shape.frames.items():
+            if text.lstrip("/") != self._form.frames[path]:
+                raise InputError(f"{path} is '{text}'; accepted: '{self._form.frames[path]}'")
         self._read = [shape, *self._read[: _SHAPES - 1]]
         return shape.read(data)
 
     def encode(self, message: Any) -> bytes:
         """Return a dataclass as a message."""
-        values = [getattr(message, name) for name in self._names]
-        texts = tuple(values[i] for i, _ in self._texts)
+        values = {name: getattr(message, name) for name in self._names}
+        values |= {name: max(values[name], 0) for name in self._times}
+        texts = tuple(values[name] for name in self._texts.values())
         shape = self._written.get(texts)
         if shape is None:
             if len(self._written) >= _SHAPES:
                 self._written.clear()
-            every = {**self._form.frames}
-            every |= {path: text for (_, path), text in zip(self._texts, texts, strict=True)}
-            nested = _nested(every, self._form.values)
-            shape = _Shape(self.typename, MessageTemplate(self.typename, nested))
-            self._written[texts] = shape
-        return shape.write(values)
+            shape = self._written[texts] = _shape_with(
+                self.typename, dict(zip(self._texts, texts, strict=True))
+            )
+        return shape.write(values).tobytes()
 
 
 def fields_of(typename: str, table: ColumnTable) -> TopicColumns:
@@ -272,23 +317,19 @@ def encoded(typename: str, columns: Mapping[str, NDArray[Any]]) -> Any:
         columns: (N,) or (N, k), the fields of the dataclass by name; what is not there is 0.
             A frame that the dataclass holds is map.
     """
-    form, count = form_of(typename), len(columns["stamp_ns"])
+    form = form_of(typename)
     if any(values.dtype.kind == "U" for values in columns.values()):
         codec = MessageCodec(typename)
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)
         return [codec.encode(form.kind(**dict(zip(columns, row, strict=True)))) for row in rows]
-    carried = {part.path: FRAME_MAP for part in _parts(typename) if part.path == _FRAME_ID}
-    template = _nested({**carried, **form.frames}, form.values)
-    records = layout(typename, template).records(count)
-    for part, field in zip(_parts(typename), fields(form.kind), strict=True):
-        values = columns.get(field.name)
-        if part.is_text or values is None:
-            continue
-        if part.is_time:
-            lay_in_times(records, part.path, values)
-        else:
-            lay_in(records, part.path.removesuffix(".x"), values)
-    return records
+    texts = {part.path: FRAME_MAP for part in _parts(typename) if part.path == _FRAME_ID}
+    return _shape_with(typename, texts).write(columns, len(columns["stamp_ns"]))
+
+
+def _shape_with(typename: str, texts: Mapping[str, str]) -> _Shape:
+    """Return the shape of messages with these texts, by their paths."""
+    form = form_of(typename)
+    return _Shape(typename, layout(typename, _nested({**form.frames, **texts}, form.values)))
 
 
 def _nested(texts: Mapping[str, str], values: Mapping[str, Any]) -> dict[str, Any]:

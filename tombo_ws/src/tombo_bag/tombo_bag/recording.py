@@ -9,7 +9,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,6 @@ from tombo_bag.formats.ros1_files import ROS1_MAGIC, Ros1File
 from tombo_bag.formats.sqlite_files import SQLITE_MAGIC, SqliteFile
 from tombo_bag.formats.unpacking import Allowance, unpack, unpack_file
 from tombo_bag.rigid_bodies import bodies_in
-from tombo_bag.schemas import Types
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.yaml_text import read_yaml
 
@@ -48,7 +46,7 @@ class Recording:
         self.path = Path(path)
         self._notes: list[str] = []
         self._unpacked: tempfile.TemporaryDirectory[str] | None = None
-        self._cache: dict[str, list[tuple[BagFile, str, RawMessages]]] = {}
+        self._cache: dict[str, RawMessages] = {}
         self._tables: dict[str, ColumnTable] = {}
         self._clock: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
         self.files: list[BagFile] = []
@@ -116,12 +114,12 @@ class Recording:
         wanted = [name for name in topics if name in self._recorded_name]
         wanted = [name for name in wanted if name not in self._cache]
         recorded = {self._recorded_name[name]: name for name in wanted}
-        parts: dict[str, list[tuple[BagFile, str, RawMessages]]] = {name: [] for name in wanted}
+        parts: dict[str, list[RawMessages]] = {name: [] for name in wanted}
         for file in self.files:
             for topic, raw in file.messages(list(recorded)).items():
                 if len(raw.messages):
-                    parts[recorded[topic]].append((file, topic, _plain(raw, file.path)))
-        self._cache.update(parts)
+                    parts[recorded[topic]].append(_plain(raw, file.path))
+        self._cache.update({name: _joined(of) for name, of in parts.items()})
 
     def set_clock(self, log_ns: NDArray[np.int64], now_ns: NDArray[np.int64]) -> None:
         """Let another clock than the recorder's give the log times of all columns.
@@ -146,60 +144,41 @@ class Recording:
         Raises:
             InputError: no such topic.
         """
-        parts = [raw for _, _, raw in self._parts(topic)]
-        if len(parts) == 1:
-            return parts[0]
-        return in_log_order(
-            np.concatenate([np.zeros(0, np.int64), *(raw.log_times_ns for raw in parts)]),
-            np.concatenate([np.zeros(0, np.int64), *(raw.publish_times_ns for raw in parts)]),
-            [message for raw in parts for message in raw.messages],
-        )
+        if topic not in self._recorded_name:
+            raise unknown_name(f"topic in '{self.path}'", topic, self._recorded_name)
+        self.load([topic])
+        return self._cache[topic]
 
     def columns(self, topic: str) -> ColumnTable:
         """Read a topic as columns, in order of log time; see `columns.columns_of`.
 
-        Messages that don't fit their type are left out and listed in `damage`.
+        Of several files the first with messages says their type. Those that don't fit it are left
+        out and listed in `damage`.
 
         Raises:
             InputError: no such topic, or of a type that can't be read.
         """
         if topic not in self._tables:
-            table = self._joined_table(topic)
-            on_clock = {"log_time_ns": self.on_clock(table["log_time_ns"])}
-            self._tables[topic] = TopicColumns(topic, table | on_clock)
+            self._tables[topic] = TopicColumns(topic, self._table(topic))
         return self._tables[topic]
 
-    def _joined_table(self, topic: str) -> ColumnTable:
-        parts = self._parts(topic)
-        tables = [
-            self._table(topic, raw, file.topics[recorded].typename, file.types(recorded))
-            for file, recorded, raw in parts
-        ]
-        if not tables:
-            none = np.zeros(0, np.int64)
-            return {"log_time_ns": none, "publish_time_ns": none, "stamp_ns": none}
-        if len(tables) == 1:
-            return tables[0]
-        shared = [key for key in tables[0] if all(key in table for table in tables)]
-        order = np.argsort(np.concatenate([t["log_time_ns"] for t in tables]), kind="stable")
-        return {key: np.concatenate([table[key] for table in tables])[order] for key in shared}
-
-    def _table(self, topic: str, raw: RawMessages, typename: str, types: Types) -> dict[str, Any]:
-        lost: list[int] = []
+    def _table(self, topic: str) -> ColumnTable:
+        raw = self.messages(topic)
+        times = {
+            "log_time_ns": self.on_clock(raw.log_times_ns),
+            "publish_time_ns": raw.publish_times_ns,
+        }
+        number, recorded, lost = len(raw.messages), self._recorded_name[topic], list[int]()
+        if not number:
+            return {**times, "stamp_ns": np.zeros(0, np.int64)}
+        file = next(f for f in self.files if recorded in f.topics and f.topics[recorded].count)
+        typename, types = file.topics[recorded].typename, file.types(recorded)
         table = columns_of(typename, raw.messages, types, lost)
-        number = len(raw.messages)
         if len(lost) == number:
             columns_of(typename, raw.messages[:1], types)  # says why
         if lost:
             self._note(f"{len(lost)} of {number} messages of {topic} don't fit {typename}")
-        times = {"log_time_ns": raw.log_times_ns, "publish_time_ns": raw.publish_times_ns}
-        return {**{key: np.delete(times_ns, lost) for key, times_ns in times.items()}, **table}
-
-    def _parts(self, topic: str) -> list[tuple[BagFile, str, RawMessages]]:
-        if topic not in self._recorded_name:
-            raise unknown_name(f"topic in '{self.path}'", topic, self._recorded_name)
-        self.load([topic])
-        return self._cache[topic]
+        return {**{key: np.delete(of, lost) for key, of in times.items()}, **table}
 
     def _rename(self, names: Mapping[str, str]) -> dict[str, str]:
         recorded = {topic for file in self.files for topic in file.topics}
@@ -307,6 +286,17 @@ _KINDS: dict[bytes, Callable[[Path], BagFile]] = {
     SQLITE_MAGIC: SqliteFile,
     ROS1_MAGIC: Ros1File,
 }
+
+
+def _joined(parts: list[RawMessages]) -> RawMessages:
+    """Return the messages of several files in order of log time."""
+    if len(parts) == 1:
+        return parts[0]
+    return in_log_order(
+        np.concatenate([np.zeros(0, np.int64), *(raw.log_times_ns for raw in parts)]),
+        np.concatenate([np.zeros(0, np.int64), *(raw.publish_times_ns for raw in parts)]),
+        [message for raw in parts for message in raw.messages],
+    )
 
 
 def _plain(raw: RawMessages, path: Path) -> RawMessages:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.markers import disc_markers
-from tombo_bag.message_template import CONSTANTS, MessageTemplate
+from tombo_bag.message_codec import CONSTANTS
 from tombo_bag.topics import MARKERS, ODOMETRY, TF
 from tombo_control.estimator import nearest_tick
 from tombo_control.estimator_core import EstimatorCore
@@ -33,13 +34,13 @@ class EstimatorNode(CoreNode):
         self._hubs = self.records["vehicle"].rotor_positions()
 
     def _transforms(self) -> tuple[Any, Any]:
-        """Return topic and shape of /tf, or nothing where tf2_msgs is not installed."""
+        """Return topic and message of /tf, or nothing where tf2_msgs is not installed."""
         try:
             message_class(TF.typename)
         except ImportError:
             self.ros.get_logger().info("tf2_msgs is not installed: no /tf; poses are on /odometry")
             return None, None
-        return self.advertise(TF), MessageTemplate(TF.typename, CONSTANTS[TF.typename])
+        return self.advertise(TF), layout(TF.typename, CONSTANTS[TF.typename]).records(1)
 
     def on_published(self, topic: str, message: Any) -> None:
         """Publish the transform and the discs of an estimate now and then."""
@@ -55,10 +56,10 @@ class EstimatorNode(CoreNode):
 
     def _publish_transform(self, message: Odometry) -> None:
         path = "transforms[0]"
-        self._tf.time(f"{path}.header.stamp").put(message.stamp_ns)
-        self._tf.set(f"{path}.transform.translation.x", *message.position)
-        self._tf.set(f"{path}.transform.rotation.x", *message.attitude)
-        self._tf_out.publish(self._tf.data())
+        lay_in_times(self._tf, f"{path}.header.stamp", message.stamp_ns)
+        lay_in(self._tf, f"{path}.transform.translation", message.position)
+        lay_in(self._tf, f"{path}.transform.rotation", message.attitude)
+        self._tf_out.publish(self._tf.tobytes())
 
 
 main = main_of(EstimatorNode)

@@ -16,10 +16,11 @@ from tombo_bag.flight import Flight, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.replay.prechecks import find_up_axis
-from tombo_logs.checks.clocks.gaps import gap_spans
+from tombo_logs.checks.clocks.gaps import LONG_S, gap_spans
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
 from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
 from tombo_logs.checks.frozen_values import frozen_spans
+from tombo_logs.checks.imu import TURNED
 from tombo_logs.checks.pipeline import findings_of
 from tombo_logs.checks.pose_imu_consistency import alignment, time_offset
 from tombo_logs.checks.spans import runs, sample_interval, white_noise
@@ -33,14 +34,10 @@ _STILL_M = 0.02
 """A rigid body that stays within this is not the vehicle that flies, or it does not fly."""
 _SWAPPED_RAD, _SWAPPED_RATE = np.radians(12.0), 35.0
 """rad, rad/s: between two poses; gyros end at 2000 deg/s, 35 rad/s."""
-_TURNED_RAD = np.radians(20.0)
-"""A rigid body is defined by hand to 10 deg or so."""
 _ALIGNED = 0.7
 """Share of the gyro's variance that a turned attitude must explain."""
 _AHEAD_S, _BEHIND_S = 0.03, 0.15
 """Stamps ahead of the gyro's, or behind by more than any motion capture needs."""
-_LONGEST_GAP_S = 0.3
-"""Tracking is lost beyond that: the detector coasts no longer."""
 _STRUCK = frozenset({"crash", "contact"})
 """Checks of a log whose spans are left out of the comparison with the gyro."""
 _QUIET_S = 1.0
@@ -132,10 +129,10 @@ def _axes(position: Series, attitude: Series, motion: EvenFlight | None) -> list
         return []
     offset = time_offset(motion)
     turned = None if offset is None else alignment(motion, offset.lag)
-    if turned is None or turned.explained < _ALIGNED or turned.angle < _TURNED_RAD:
+    if turned is None or turned.explained < _ALIGNED or turned.angle < TURNED:
         return []
     x, y, z = np.degrees(turned.turn.as_rotvec())
-    if np.linalg.norm([abs(x) - 90.0, y, z]) < np.degrees(_TURNED_RAD):
+    if np.linalg.norm([abs(x) - 90.0, y, z]) < np.degrees(TURNED):
         return _finding(
             "up_axis",
             f"the attitude is turned against the gyro by {x:.0f} deg about x, as where y points "
@@ -205,11 +202,11 @@ def _rate(position: Series) -> list[MocapFinding]:
 def _gaps(position: Series) -> list[MocapFinding]:
     spans = gap_spans(position.t)
     longest = max((end - begin for begin, end in spans), default=0.0)
-    if longest <= _LONGEST_GAP_S:
+    if longest <= LONG_S:
         return []
     return _finding(
         "gaps",
-        f"{len(spans)} gaps, the longest {longest:.2f} s; expected: {_LONGEST_GAP_S:g} s at most. "
+        f"{len(spans)} gaps, the longest {longest:.2f} s; expected: {LONG_S:g} s at most. "
         "Add or turn cameras until the whole volume is seen by three",
     )
 
@@ -263,10 +260,6 @@ def _figures(position: Series, attitude: Series) -> dict[str, float | None]:
     def noise(quantity: Callable[[], Array], scale: float) -> float | None:
         return None if at_rest is None else scale * float(np.linalg.norm(quantity()))
 
-    def turned() -> Array:
-        """Return the vector part of the quaternions at rest: half a turn, where it is small."""
-        return _samples_after(attitude, t[at_rest])[:, :3]
-
     low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
     return {
         "duration_s": float(t[-1] - t[0]),
@@ -275,7 +268,8 @@ def _figures(position: Series, attitude: Series) -> dict[str, float | None]:
         "latency_p99_ms": late(99.0),
         "noise_position_mm": noise(lambda: white_noise(values[at_rest]), 1e3),
         "noise_attitude_deg": noise(
-            lambda: 2.0 * white_noise(_samples_after(attitude, position.t[at_rest])[:, :3]),
+            # the vector part of a quaternion is half a turn, where it is small
+            lambda: 2.0 * white_noise(_samples_after(attitude, t[at_rest])[:, :3]),
             np.degrees(1.0),
         ),
         "dropouts": float(len(spans)),

@@ -19,8 +19,8 @@ import numpy as np
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from tombo_bag.message_codec import MessageCodec
-from tombo_bag.message_template import MessageTemplate
+from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
+from tombo_bag.message_codec import CONSTANTS, MessageCodec
 from tombo_bag.topics import (
     ATTITUDE_SETPOINT,
     BATTERY,
@@ -151,8 +151,7 @@ class Px4BridgeNode(LoopNode):
         self._tf_out: TopicPublisher | None = None
         with suppress(ImportError):  # tf2_msgs is not installed
             self._tf_out = self.advertise(TF)
-            frames = {"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}
-            self._tf = MessageTemplate(TF.typename, {"transforms": [frames]})
+            self._tf = layout(TF.typename, CONSTANTS[TF.typename]).records(1)
         self._waiting: deque[tuple[str, Any]] = deque()  # filled by the services' thread
         self._pending_requests: dict[int, Any] = {}
         self._offer(SetBool, "arm", lambda request: "arm" if request.data else "disarm")
@@ -298,10 +297,10 @@ class Px4BridgeNode(LoopNode):
         if self._estimator_out is not None:
             self._estimator_out.send(self._estimator_status(stamp_ns))
         if self._tf_out is not None:
-            self._tf.time("transforms[0].header.stamp").put(stamp_ns)
-            self._tf.set("transforms[0].transform.translation.x", *odometry.position)
-            self._tf.set("transforms[0].transform.rotation.x", *attitude)
-            self._tf_out.publish(self._tf.data())
+            lay_in_times(self._tf, "transforms[0].header.stamp", stamp_ns)
+            lay_in(self._tf, "transforms[0].transform.translation", odometry.position)
+            lay_in(self._tf, "transforms[0].transform.rotation", attitude)
+            self._tf_out.publish(self._tf.tobytes())
 
     def _estimator_status(self, stamp_ns: int) -> EstimatorStatus:
         """Return the last pose's stamp; PX4 sends no biases, its gyro is corrected for them."""

@@ -15,11 +15,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
-from tombo_bag.message_template import MessageTemplate
+from tombo_bag.columnar_cdr import lay_in_times, layout
 from tombo_bag.topics import TopicSpec
 from tombo_dynamics.core import step_due
+from tombo_dynamics.time_base import SECOND_NS
 from tombo_msgs.msg import LockstepNode
 from tombo_ros.node_loop import LockstepError, LoopNode
 from tombo_ros.qos import LOCKSTEP
@@ -60,18 +62,19 @@ class _Counts:
     """Messages of the type LockstepCounts with a fixed number of counts."""
 
     def __init__(self, number: int) -> None:
-        self._template = MessageTemplate(_COUNTS, {"counts": [0] * number})
-        self._stamp = self._template.time("stamp")
-        self._field = self._template.field("counts", number) if number else None
+        self._message = layout(_COUNTS, {"counts": [0] * number}).records(1)
+        self._has_counts = number > 0
 
     def encode(self, stamp_ns: int, counts: Sequence[int]) -> bytes:
-        self._stamp.put(stamp_ns)
-        if self._field is not None:
-            self._field.put(counts)
-        return self._template.data()
+        lay_in_times(self._message, "stamp", stamp_ns)
+        if self._has_counts:
+            self._message["counts"] = counts
+        return self._message.tobytes()
 
     def decode(self, data: bytes) -> tuple[int, tuple[int, ...]]:
-        return self._stamp.of(data), () if self._field is None else self._field.of(data)
+        seconds, nanoseconds, *counts = np.frombuffer(data, self._message.dtype, 1)[0].item()
+        stamp_ns = int(seconds) * SECOND_NS + int(nanoseconds)
+        return stamp_ns, tuple(counts[0].tolist()) if counts else ()
 
 
 class LockstepMember:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+<<<<<<< HEAD
 from tombo_bag.message_codec import MessageCodec
 from tombo_bag.message_template import CONSTANTS, MessageTemplate
 from tombo_bag.topics import (
@@ -25,12 +26,20 @@ from tombo_bag.topics import (
     TopicSpec,
 )
 from tombo_dynamics.effects.downwash import jet_of, set_jets
+=======
+from tombo_bag.columnar_cdr import lay_in_times, layout
+from tombo_bag.message_codec import CONSTANTS, MessageCodec
+from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
+>>>>>>> a4714f38b818d2d93f203757cd8f9a2c4c745cd6
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.input_check import is_future
 from tombo_dynamics.messages import Imu, Phase, RotorSpeeds
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
+<<<<<<< HEAD
 from tombo_ros.conversion import to_time
 from tombo_ros.core_node import main_of
+=======
+>>>>>>> a4714f38b818d2d93f203757cd8f9a2c4c745cd6
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import LockstepMaster, take_until
 from tombo_ros.loop_statistics import LatenessHistogram
@@ -135,9 +144,9 @@ class SimNode(VehicleNode):
     def _make_outputs(self) -> None:
         self._imu_out = self.advertise(IMU)
         self._battery_out = self.advertise(BATTERY)
-        self._battery = MessageTemplate(BATTERY.typename, CONSTANTS[BATTERY.typename])
+        self._battery = layout(BATTERY.typename, CONSTANTS[BATTERY.typename]).records(1)
         self._clock_out = self.advertise(CLOCK) if self.sim_time else None
-        self._clock_message = MessageTemplate(CLOCK.typename, {})
+        self._clock_message = layout(CLOCK.typename, {}).records(1)
         self._codecs = {s.name: MessageCodec(s.typename) for s in (MISSION_STATUS, ROTOR_COMMAND)}
 
     def spin(self) -> None:
@@ -361,19 +370,17 @@ class SimNode(VehicleNode):
             self._imu_out.send(Imu(stamp, plant.gyro, plant.accel))
         self.publish_tick(self._began_ns)
         if tick % _BATTERY_TICKS == 0:
-            self._battery.time("header.stamp").put(stamp)
-            self._battery.set("voltage", plant.supply.voltage)
-            self._battery.set("current", -plant.supply.current)
-            self._battery_out.publish(self._battery.data())
+            lay_in_times(self._battery, "header.stamp", stamp)
+            self._battery["voltage"] = plant.supply.voltage
+            self._battery["current"] = -plant.supply.current
+            self._battery_out.publish(self._battery.tobytes())
         if tick % self._clock_ticks == 0:
             self._publish_clock()
 
     def _publish_clock(self) -> None:
         if self._clock_out is not None:
-            seconds = to_time(self.stamp_ns)
-            self._clock_message.set("clock.sec", seconds.sec)
-            self._clock_message.set("clock.nanosec", seconds.nanosec)
-            self._clock_out.publish(self._clock_message.data())
+            lay_in_times(self._clock_message, "clock", self.stamp_ns)
+            self._clock_out.publish(self._clock_message.tobytes())
 
     def report(self, now_ns: int) -> None:
         """Add what only the simulator can measure: gyro in to command out, across processes."""

@@ -93,9 +93,9 @@ def write_message_index(stream: RecordBuilder, channel: int, rows: NDArray[np.ui
 
 def message_records(
     channel: int,
-    log_times_ns: NDArray[Any],
+    log_times_ns: NDArray[Any] | Sequence[int],
     messages: NDArray[np.void] | Sequence[bytes],
-    publish_times_ns: NDArray[Any] | None,
+    publish_times_ns: NDArray[Any] | Sequence[int] | None,
     first_sequence: int,
 ) -> tuple[NDArray[np.void], list[bytes]]:
     """Return one channel's messages as MCAP records, in order of log time, and their heads.
@@ -131,7 +131,7 @@ def message_records(
     return heads, [head + message for head, message in pairs]
 
 
-def _times(times: NDArray[Any], channel: int) -> NDArray[np.uint64]:
+def _times(times: NDArray[Any] | Sequence[int], channel: int) -> NDArray[np.uint64]:
     given = np.asarray(times)
     if given.dtype.kind not in "iu" or (given.size and given.min() < 0):
         raise InputError(

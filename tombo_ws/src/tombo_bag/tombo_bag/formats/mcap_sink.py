@@ -1,9 +1,8 @@
-"""Writes an MCAP file of ROS 2 messages: single messages as they come, or whole columns.
+"""Writes an MCAP file of ROS 2 messages, whole columns of them at once.
 
-One file format, one code path: the headless flight hands over columns, a recorder hands over the
-bytes of each message. Chunks hold at most one second of log time and go to the system as soon as
-they are full, so a process that is killed leaves all older messages readable. Headers, indexes and
-summary are the `mcap` library's own records.
+The headless flight hands over those of a flight, a recorder those of half a second. Chunks hold at
+most one second of log time and go to the system at once, so a process that is killed leaves all
+that it handed over readable. Headers, indexes and summary are the `mcap` library's own records.
 """
 
 from __future__ import annotations
@@ -53,16 +52,16 @@ class Columns:
 
     Attributes:
         channel: number that `McapSink.add_channel` returned.
-        log_times_ns: (N,) integers, when each message was recorded.
+        log_times_ns: N integers, when each message was recorded.
         messages: (N,) structured array whose items are the messages' bytes (`Layout.records`),
             or N messages of any length as bytes.
-        publish_times_ns: (N,) integers; the log times if None.
+        publish_times_ns: N integers; the log times if None.
     """
 
     channel: int
-    log_times_ns: NDArray[Any]
+    log_times_ns: NDArray[Any] | Sequence[int]
     messages: NDArray[np.void] | Sequence[bytes]
-    publish_times_ns: NDArray[Any] | None = None
+    publish_times_ns: NDArray[Any] | Sequence[int] | None = None
 
 
 class McapSink:
@@ -96,7 +95,6 @@ class McapSink:
         self._taken: dict[int, int] = {}
         self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
-        self._waiting: list[tuple[int, int, int, bytes]] = []
         try:
             self._file = FileIO(self.path, "wb")
             try:
@@ -155,45 +153,6 @@ class McapSink:
         self._put(record)
         self._metadata.append(index)
 
-    def write(
-        self, channel: int, message: bytes, log_time_ns: int, publish_time_ns: int | None = None
-    ) -> None:
-        """Take one message; it is written within a second of log time, or by `flush`.
-
-        Args:
-            channel: number that `add_channel` returned.
-            message: its bytes, CDR with the four bytes of encapsulation.
-            log_time_ns: when it was recorded.
-            publish_time_ns: when it was published; the log time if None.
-
-        Raises:
-            InputError: unknown channel, or a time that is no integer of 64 bits.
-        """
-        self._check(channel)
-        sent = log_time_ns if publish_time_ns is None else publish_time_ns
-        if not 0 <= min(log_time_ns, sent) <= max(log_time_ns, sent) < 1 << 64:
-            raise InputError(
-                f"channel {channel}: log time {log_time_ns}, publish time {sent}; "
-                "accepted: integers from 0 to 2^64 - 1, in ns"
-            )
-        if self._waiting and abs(log_time_ns - self._waiting[0][1]) >= self._span_ns:
-            self.flush()
-        self._waiting.append((channel, log_time_ns, sent, message))
-
-    def flush(self) -> None:
-        """Hand waiting single messages to the system as a chunk of their own.
-
-        Raises:
-            OSError: the disk is full or failed. The messages are given up; what was written
-                before is whole.
-        """
-        self._check_open()
-        waiting, self._waiting = self._waiting, []
-        by_channel: dict[int, list[tuple[int, int, bytes]]] = {}
-        for channel, log, sent, message in waiting:
-            by_channel.setdefault(channel, []).append((log, sent, message))
-        self._write_columns([_columns(channel, rows) for channel, rows in by_channel.items()])
-
     def write_columns(self, *columns: Columns) -> None:
         """Write whole columns, merged by log time.
 
@@ -202,11 +161,9 @@ class McapSink:
         Raises:
             InputError: unknown channel, columns of different length, or times that are no
                 integers from 0 up.
+            OSError: the disk is full or failed. What was written before is whole.
         """
-        self.flush()
-        self._write_columns(columns)
-
-    def _write_columns(self, columns: Sequence[Columns]) -> None:
+        self._check_open()
         records = []
         for column in columns:
             self._check(column.channel)
@@ -240,7 +197,7 @@ class McapSink:
             self._unwritten = []
 
     def close(self) -> None:
-        """Finish the file: last chunk, indexes, statistics, footer. A second call does nothing.
+        """Finish the file: indexes, statistics, footer. A second call does nothing.
 
         Raises:
             OSError: the disk is full or failed. What was written is whole and can be read, also
@@ -249,10 +206,7 @@ class McapSink:
         if self.closed:
             return
         try:
-            try:
-                self.flush()
-            finally:
-                self._finish()
+            self._finish()
         finally:
             self.closed = True
             self._file.close()
@@ -325,11 +279,6 @@ class McapSink:
             raise
         self._crc = zlib.crc32(data, self._crc)
         self.size += len(data)
-
-
-def _columns(channel: int, rows: Sequence[tuple[int, int, bytes]]) -> Columns:
-    log, sent, messages = zip(*rows, strict=True)
-    return Columns(channel, np.array(log, np.uint64), messages, np.array(sent, np.uint64))
 
 
 def _bytes(*records: McapRecord) -> bytes:

@@ -9,18 +9,24 @@ from __future__ import annotations
 import contextlib
 import errno
 import math
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 
 from tombo_bag.flight_time import RECORDER_METADATA
 from tombo_bag.formats.bag_metadata import FileEntry, TopicEntry, write_metadata
-from tombo_bag.formats.mcap_sink import McapSink
+from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.qos import Qos
 from tombo_bag.schemas import load_installed_type
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
+
+_Message = tuple[str, int, bytes, int]
+"""Topic, log time [ns], bytes and publish time [ns]."""
+_log_ns = itemgetter(1)
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,7 @@ class RollingSink:
         self._records = {name: dict(values) for name, values in (records or {}).items()}
         self._topics: dict[str, tuple[str, Qos]] = {}
         self._channels: dict[str, int] = {}
-        self._waiting: list[tuple[int, int, str, bytes]] = []
+        self._waiting: list[_Message] = []
         self._done: list[FileEntry] = []
         self._done_bytes = 0
         self._done_counts: Counter[str] = Counter()
@@ -142,7 +148,7 @@ class RollingSink:
 
     def write(self, topic: str, message: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Take a message of a topic that was added; `flush` writes it."""
-        self._waiting.append((log_time_ns, publish_time_ns, topic, message))
+        self._waiting.append((topic, log_time_ns, message, publish_time_ns))
         self._received += 1
 
     def flush(self) -> None:
@@ -152,20 +158,30 @@ class RollingSink:
             OSError: the disk is full or failed. The messages are given up and counted as
                 `unwritten`; what was written before is whole.
         """
-        waiting, self._waiting = sorted(self._waiting, key=lambda item: item[0]), []
-        for log_ns, sent_ns, topic, message in waiting:
-            if not self._sink.closed and log_ns >= self._end_ns:
+        waiting, self._waiting = sorted(self._waiting, key=_log_ns), []
+        while waiting:
+            first_ns = _log_ns(waiting[0])
+            if not self._sink.closed and first_ns >= self._end_ns:
                 self._finish_file()
             if self._sink.closed:
                 self._open()
             if self._end_ns == math.inf and self.options.file_duration_max:
                 span_ns = max(round(self.options.file_duration_max * SECOND_NS), 1)
-                self._end_ns = log_ns + span_ns
-            self._sink.write(self._channels[topic], message, log_ns, sent_ns)
-        if not self._sink.closed:
-            self._sink.flush()
-            if waiting and 0 < self.options.file_size_max <= self._sink.size:
+                self._end_ns = first_ns + span_ns
+            number = bisect_left(waiting, self._end_ns, key=_log_ns)
+            self._write(waiting[:number])
+            waiting = waiting[number:]
+            if not waiting and 0 < self.options.file_size_max <= self._sink.size:
                 self._finish_file()
+
+    def _write(self, messages: Sequence[_Message]) -> None:
+        """Write messages into the open file, a column of each topic."""
+        rows: dict[str, list[tuple[int, bytes, int]]] = {}
+        for topic, log_ns, message, sent_ns in messages:
+            rows.setdefault(topic, []).append((log_ns, message, sent_ns))
+        self._sink.write_columns(
+            *(Columns(self._channels[topic], *zip(*of, strict=True)) for topic, of in rows.items())
+        )
 
     def close(self) -> None:
         """Write what waits, finish the file and, in a folder, write `metadata.yaml`.
@@ -193,7 +209,6 @@ class RollingSink:
         sink, self._unfinished = self._sink, True
         try:
             try:
-                sink.flush()
                 sink.add_metadata(RECORDER_METADATA, dict(self._notes()))
             finally:
                 sink.close()

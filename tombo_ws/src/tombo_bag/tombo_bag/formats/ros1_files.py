@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag1.reader import Header, IndexData, ReaderError, RecordType
 
-from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
+from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, by_topic
 from tombo_bag.formats.unpacking import Allowance, unpack
 from tombo_bag.schemas import Types, ros1_as_cdr, ros1_store
 from tombo_dynamics.errors import InputError
@@ -154,23 +154,21 @@ class Ros1File(BagFile):
             return self._messages(here)
 
     def _messages(self, topics: list[str]) -> dict[str, RawMessages]:
-        times: dict[str, list[int]] = {topic: [] for topic in topics}
-        messages: dict[str, list[bytes]] = {topic: [] for topic in topics}
         lost: Counter[str] = Counter()
-        allowance = Allowance(self.path)
-        connections = [c for c in self._reader.connections if c.topic in times]
-        for connection, time, data in self._reader.messages(connections) if connections else ():
-            topic = connection.topic
-            message = ros1_as_cdr(self._store(topic), connection.msgtype, data)
-            if message is None:
-                lost[topic] += 1
-                continue
-            allowance.take(len(message))
-            times[topic].append(time)
-            messages[topic].append(message)
-        for topic, count in lost.items():
+        connections = [c for c in self._reader.connections if c.topic in topics]
+
+        def rows() -> Iterator[tuple[str, int, bytes]]:
+            for connection, time, data in self._reader.messages(connections):
+                topic = connection.topic
+                message = ros1_as_cdr(self._store(topic), connection.msgtype, data)
+                lost[topic] += message is None
+                if message is not None:
+                    yield topic, time, message
+
+        read = by_topic(self.path, topics, rows() if connections else ())
+        for topic, count in (+lost).items():
             self.damage.append(f"{count} rows of topic {topic} are no messages of its type")
-        return {t: in_log_order(times[t], times[t], messages[t]) for t in topics}
+        return read
 
     def types(self, topic: str) -> Types:
         """Return a topic's type as ROS 2 Jazzy has it, else as the file describes it."""

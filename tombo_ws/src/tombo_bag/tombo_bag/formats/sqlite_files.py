@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
-from tombo_bag.formats.unpacking import Allowance
+from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, by_topic
 from tombo_bag.schemas import Types, parse_schema
 from tombo_dynamics.errors import InputError
 
@@ -51,15 +50,10 @@ class SqliteFile(BagFile):
     def messages(self, topics: Collection[str]) -> dict[str, RawMessages]:
         """Read the messages of some topics."""
         here = {number: name for number, name in self._names.items() if name in topics}
-        times: dict[str, list[int]] = {name: [] for name in here.values()}
-        messages: dict[str, list[bytes]] = {name: [] for name in here.values()}
-        allowance = Allowance(self.path)
         wanted = f"topic_id IN ({', '.join(map(str, here))})"
-        for number, time, data in self._rows("topic_id, timestamp, data", wanted):
-            allowance.take(len(data))
-            times[here[number]].append(time)
-            messages[here[number]].append(data)
-        return {name: in_log_order(times[name], times[name], messages[name]) for name in times}
+        rows = self._rows("topic_id, timestamp, data", wanted)
+        named = ((here[number], time, data) for number, time, data in rows)
+        return by_topic(self.path, here.values(), named)
 
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file describes it, else as ROS 2 Jazzy does."""

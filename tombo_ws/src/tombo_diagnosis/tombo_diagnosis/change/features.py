@@ -157,7 +157,7 @@ def _load_factor(series: Mapping[str, Series], t: Array) -> Array:
         pushed = _at(series["acceleration"], t)
     else:
         track = smooth_track(series["position"])
-        pushed = interpolated(t, track.t, track.acceleration)
+        pushed = _at(track["acceleration"], t)
     force = pushed / GRAVITY + np.array([0.0, 0.0, 1.0])
     if "attitude" in series:
         return np.asarray(_attitude(series["attitude"], t).inv().apply(force)[:, 2])

@@ -33,7 +33,7 @@ from tombo_logs.checks.ground import ground_spans
 from tombo_logs.checks.recording import recorded
 from tombo_logs.checks.series_cleaning import nothing_left
 from tombo_logs.checks.spans import Mask, check_extent, inside, interpolated, sample_interval
-from tombo_logs.checks.track_smoothing import SmoothTrack, smooth_track
+from tombo_logs.checks.track_smoothing import position_noise, smooth_track
 
 RATE: Final = 100.0
 """Hz of the clock."""
@@ -65,7 +65,8 @@ class CrashMotion(EvenFlight):
     log: Flight
     series: Mapping[str, Series]
     """Cleaned."""
-    track: SmoothTrack
+    noise: float
+    """Standard deviation of a position [m]."""
     height: Array
     """(N,) m"""
     speed: Array
@@ -118,10 +119,11 @@ def crash_motion(log: Flight) -> CrashMotion:
     end = max(s.t[-1] for n, s in series.items() if n in ("position", "gyro", "accel", *DRIVES))
     check_extent(position.t[0], end, RATE)
     t = np.arange(position.t[0], end, 1.0 / RATE)
-    track = smooth_track(position)
+    track, noise = smooth_track(position), position_noise(position)
     seen = known_at(position, t, _KNOWN_S)
     place, speed, pushed = (
-        interpolated(t, track.t, x) for x in (track.position, track.velocity, track.acceleration)
+        interpolated(t, track.t, track[name].values)
+        for name in ("position", "velocity", "acceleration")
     )
     flying = ~inside(t, ground_spans(position, series))
     if np.count_nonzero(flying) < RATE:
@@ -155,7 +157,7 @@ def crash_motion(log: Flight) -> CrashMotion:
     else:
         course = needed_rates(place, 3, 1.0 / RATE, Rotation.from_matrix(up))
     return CrashMotion(
-        t, {"rates": rates, "acceleration": pushed}, seen, log, series, track, place[:, 2], speed,
+        t, {"rates": rates, "acceleration": pushed}, seen, log, series, noise, place[:, 2], speed,
         tilt, force, demand, flying, even, learnt, controlled, course, missing,
     )  # fmt: skip
 

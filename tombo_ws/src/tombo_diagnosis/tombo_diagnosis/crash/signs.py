@@ -335,7 +335,7 @@ def _slides(m: CrashMotion) -> Iterator[Sign]:
     position = m.series["position"]
     place = position.values - position.values[0]
     count = round(_SLIDES_S / max(sample_interval(position.t), 1e-3))
-    if count < 20 or m.track.noise > 0.5 * _SLIDE_HEIGHT_STD_M:
+    if count < 20 or m.noise > 0.5 * _SLIDE_HEIGHT_STD_M:
         return
     mean, square = (uniform_filter1d(x, count, axis=0) for x in (place, place**2))
     spread = np.sqrt(np.maximum(square - mean**2, 0.0))

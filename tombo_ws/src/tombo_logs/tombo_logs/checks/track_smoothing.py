@@ -6,14 +6,13 @@ The model is white jerk. A Kalman filter goes forward and the smoother of Rauch,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import KalmanFilter
 
-from tombo_bag.flight import Series
+from tombo_bag.flight import Series, Topic
 from tombo_dynamics.arrays import Array
 from tombo_logs.checks.spans import thinned
 
@@ -32,42 +31,31 @@ _LONGEST_S: Final = 0.1
 _H: Final = np.array([[1.0, 0.0, 0.0]])
 
 
-@dataclass(frozen=True)
-class SmoothTrack:
-    """A track at N times, in map."""
-
-    t: Array
-    """(N,) s"""
-    position: Array
-    """(N, 3) m"""
-    velocity: Array
-    """(N, 3) m/s"""
-    acceleration: Array
-    """(N, 3) m/s^2, without gravity: at rest 0"""
-    covariance: Array
-    """(N, 3, 3) of position, velocity and acceleration along an axis; alike for the three axes."""
-    noise: float
-    """Standard deviation of a position [m]."""
-
-
-def position_noise(position: Array) -> float:
-    """Return the standard deviation of white noise on positions (N, 3), the mean of the axes [m].
+def position_noise(position: Series) -> float:
+    """Return the standard deviation of white noise on a track, the mean of the axes [m].
 
     Third differences leave out what is smooth.
     """
-    third = np.diff(position, 3, axis=0)
+    third = np.diff(_thinned(position)[1], 3, axis=0)
     if not len(third):
         return _LEAST_NOISE
     noise = 1.4826 * np.median(np.abs(third), axis=0) / np.sqrt(20.0)
     return max(float(np.sqrt(np.mean(noise**2))), _LEAST_NOISE)
 
 
-def smooth_track(position: Series) -> SmoothTrack:
-    """Smooth a cleaned track of at least two positions with rising stamps."""
+def _thinned(position: Series) -> tuple[Array, Array]:
     t, places = thinned(position.t, position.values, _STEP_S)
-    if t.size < 2:
-        t, places = position.t, position.values
-    noise = position_noise(places)
+    return (t, places) if t.size > 1 else (position.t, position.values)
+
+
+def smooth_track(position: Series) -> Topic:
+    """Smooth a cleaned track of at least two positions with rising stamps.
+
+    Returns position [m], velocity [m/s] and acceleration [m/s^2] along the axes of map, each
+    (N, 3), without gravity: at rest 0; and their covariance (N, 3, 3), alike for the three axes.
+    """
+    t, places = _thinned(position)
+    noise = position_noise(position)
     middle = slice(max((t.size - _TRIED) // 2, 0), (t.size + _TRIED) // 2)
     chosen = max(_JERKS, key=lambda jerk: _filtered(t[middle], places[middle], noise, jerk)[2])
     steps, (means, covariances), _ = _filtered(t, places, noise, chosen)
@@ -75,7 +63,8 @@ def smooth_track(position: Series) -> SmoothTrack:
     kalman: Any = KalmanFilter(dim_x=3, dim_z=1)
     state, covariance, _, _ = kalman.rts_smoother(means, covariances, moves, noises)
     state[:, 0] += places[0]
-    return SmoothTrack(t, state[:, 0], state[:, 1], state[:, 2], covariance, noise)
+    motion = {name: state[:, i] for i, name in enumerate(("position", "velocity", "acceleration"))}
+    return Topic.of(t, {**motion, "covariance": covariance})
 
 
 def _filtered(

@@ -20,6 +20,7 @@ from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY
 from tombo_logs.checks.clocks.gaps import gap_spans
 from tombo_logs.checks.even_flight import (
     RATE,
+    EvenFlight,
     accelerations,
     beside_poses,
     body_rates,
@@ -51,18 +52,8 @@ _MOMENTS: Final = np.array([ARM_Y, -ARM_X])
 """Rows: what a rotor's thrust does about body x and y."""
 _AHEAD_S: Final = 0.002
 """s by which stamps may be later than arrival: two clocks that are kept together are so close."""
-
-
-@dataclass(frozen=True)
-class Signal:
-    """What one channel sees of the motion, on an even clock of `RATE`."""
-
-    t: Array
-    """(N,) s"""
-    values: Array
-    """(N, k)"""
-    known: Mask
-    """(N,) rows that were measured."""
+_SEEN: Final = "seen"
+"""Channel (N, k): the motion as a sensor sees it, on an even clock of `RATE`; valid: measured."""
 
 
 @dataclass(frozen=True)
@@ -94,30 +85,31 @@ class Match:
         return not self.is_other_clock and self.at_once >= min(_MATCH, _SIGMAS * self.usual)
 
 
-def match(first: Signal, other: Signal) -> Match | None:
+def match(first: EvenFlight, other: EvenFlight) -> Match | None:
     """Return how well two signals go together at the best lag; None: too short.
 
     Correlated at each lag are the rows that both have there (Padfield, 2012), by the sum of the
     singular values of their covariance: whatever the axes of each, turned or mirrored.
     """
-    if min(np.count_nonzero(s.known) for s in (first, other)) < _SHORTEST_S * RATE:
+    if min(np.count_nonzero(s.valid) for s in (first, other)) < _SHORTEST_S * RATE:
         return None
-    a, b = (s.known.astype(np.float64) for s in (first, other))
+    a, b = (s.valid.astype(np.float64) for s in (first, other))
+    columns_a, columns_b = (s.channels[_SEEN].T for s in (first, other))
 
     def over(x: Array, y: Array) -> Array:
         return np.asarray(correlate(y, x, "full", "fft"))
 
     count = np.maximum(over(a, b), 1e-9)
-    sums_a = [over(x, b) for x in first.values.T]
-    sums_b = [over(a, y) for y in other.values.T]
-    size_a = sum(over(x**2, b) - s**2 / count for x, s in zip(first.values.T, sums_a, strict=True))
-    size_b = sum(over(a, y**2) - s**2 / count for y, s in zip(other.values.T, sums_b, strict=True))
+    sums_a = [over(x, b) for x in columns_a]
+    sums_b = [over(a, y) for y in columns_b]
+    size_a = sum(over(x**2, b) - s**2 / count for x, s in zip(columns_a, sums_a, strict=True))
+    size_b = sum(over(a, y**2) - s**2 / count for y, s in zip(columns_b, sums_b, strict=True))
     usable = count >= max(_OVERLAP * min(a.sum(), b.sum()), _SHORTEST_S * RATE)
     usable &= np.minimum(size_a, size_b) > 1e-9 * count
     covariance = np.array([
         [(over(x, y) - s_x * s_y / count)[usable]
-         for y, s_y in zip(other.values.T, sums_b, strict=True)]
-        for x, s_x in zip(first.values.T, sums_a, strict=True)
+         for y, s_y in zip(columns_b, sums_b, strict=True)]
+        for x, s_x in zip(columns_a, sums_a, strict=True)
     ])  # fmt: skip
     together = np.linalg.svd(np.moveaxis(covariance, 2, 0), compute_uv=False).sum(axis=1)
     correlation = np.full(count.size, -1.0)
@@ -136,15 +128,16 @@ def match(first: Signal, other: Signal) -> Match | None:
     )
 
 
-def _throughout(first: Signal, other: Signal, seen: Match) -> bool:
+def _throughout(first: EvenFlight, other: EvenFlight, seen: Match) -> bool:
     """Return whether one half of the flight has the same lag, and none has another.
 
     Clocks differ all the time; the echo of one blow is no clock.
     """
     halves = []
-    for part in np.array_split(np.flatnonzero(first.known), 2):
+    for part in np.array_split(np.flatnonzero(first.valid), 2):
         rows = slice(part[0], part[-1] + 1)
-        half = Signal(first.t[rows], first.values[rows], np.asarray(first.known[rows], np.bool_))
+        seen_half = {_SEEN: first.channels[_SEEN][rows]}
+        half = EvenFlight(first.t[rows], seen_half, np.asarray(first.valid[rows]))
         halves.append(match(half, other))
     clear = [m for m in halves if m is not None and (m.is_one_clock or m.is_other_clock)]
     return bool(clear) and all(
@@ -152,7 +145,7 @@ def _throughout(first: Signal, other: Signal, seen: Match) -> bool:
     )
 
 
-def _signal(t: Array, values: Array, *channels: Series) -> Signal | None:
+def _signal(t: Array, values: Array, *channels: Series) -> EvenFlight | None:
     """Return values (N, k) with their outliers cut, known where all channels were measured."""
     known: Mask = np.asarray(np.isfinite(values).all(axis=1))
     for series in channels:
@@ -165,7 +158,8 @@ def _signal(t: Array, values: Array, *channels: Series) -> Signal | None:
         np.mean(np.minimum(off**2, np.quantile(off[known] ** 2, 0.95, axis=0)), axis=0)
     )
     limit = _OUTLIER * usual
-    return Signal(t, np.where(known[:, None], np.clip(off, -limit, limit), 0.0), known)
+    cut = np.where(known[:, None], np.clip(off, -limit, limit), 0.0)
+    return EvenFlight(t, {_SEEN: cut}, known)
 
 
 def _even(series: Series) -> Array:
@@ -174,12 +168,12 @@ def _even(series: Series) -> Array:
     return np.arange(series.t[0], series.t[-1], 1.0 / RATE) if compared else np.zeros(0)
 
 
-def _channel(series: Series) -> Signal | None:
+def _channel(series: Series) -> EvenFlight | None:
     t = _even(series)
     return _signal(t, beside_poses(series, t), series) if t.size else None
 
 
-def _rates(attitude: Series) -> Signal | None:
+def _rates(attitude: Series) -> EvenFlight | None:
     """Return the body rates of an attitude (N, 3)."""
     turns = usable_turns(attitude)
     t = _even(turns)
@@ -189,7 +183,7 @@ def _rates(attitude: Series) -> Signal | None:
     return _signal(t, body_rates(q, np.gradient(q, 1.0 / RATE, axis=0)), turns)
 
 
-def _force(series: Mapping[str, Series], name: str) -> Signal | None:
+def _force(series: Mapping[str, Series], name: str) -> EvenFlight | None:
     """Return the size of the specific force (N, 1), of the accelerometer or of the track."""
     t = _even(series[name])
     if not t.size:
@@ -201,25 +195,27 @@ def _force(series: Mapping[str, Series], name: str) -> Signal | None:
     return _signal(t, np.linalg.norm(force, axis=1)[:, None], series[name])
 
 
-def _turning(rates: Signal | None) -> Signal | None:
+def _turning(rates: EvenFlight | None) -> EvenFlight | None:
     """Return the acceleration about body x and y (N, 2), each over its own size."""
     if rates is None:
         return None
-    values = np.gradient(rates.values[:, :2], 1.0 / RATE, axis=0)
-    return replace(rates, values=_scaled(values))
+    values = np.gradient(rates.channels[_SEEN][:, :2], 1.0 / RATE, axis=0)
+    return replace(rates, channels={_SEEN: _scaled(values)})
 
 
-def _moments(drive: Series) -> Signal | None:
+def _moments(drive: Series) -> EvenFlight | None:
     """Return the moments about body x and y that drives ask for (N, 2), each over its own size."""
     thrust = _channel(Series(drive.t, drive.values**2))
-    return None if thrust is None else replace(thrust, values=_scaled(thrust.values @ _MOMENTS.T))
+    if thrust is None:
+        return None
+    return replace(thrust, channels={_SEEN: _scaled(thrust.channels[_SEEN] @ _MOMENTS.T)})
 
 
 def _scaled(values: Array) -> Array:
     return np.asarray(values / np.maximum(values.std(axis=0), 1e-12))
 
 
-def _compared(first: Signal | None, other: Signal | None) -> Match | None:
+def _compared(first: EvenFlight | None, other: EvenFlight | None) -> Match | None:
     """Return the match of two signals; None: too short, or not the same all along."""
     seen = None if first is None or other is None else match(first, other)
     if first is None or other is None or seen is None or not seen.is_other_clock:
@@ -240,7 +236,7 @@ def one_clock(
     findings = _by_arrival(flight, series)
     seen: list[tuple[list[str], Match]] = []
 
-    def align(names: list[str], first: Signal | None, other: Signal | None) -> None:
+    def align(names: list[str], first: EvenFlight | None, other: EvenFlight | None) -> None:
         compared = _compared(first, other)
         if compared is not None:
             seen.append((names, compared))
@@ -274,7 +270,7 @@ def _shift(series: dict[str, Series], names: Iterable[str], seconds: float) -> N
         series[name] = replace(series[name], t=series[name].t + seconds)
 
 
-def _pair(series: Mapping[str, Series], name: str) -> tuple[Signal | None, Signal | None]:
+def _pair(series: Mapping[str, Series], name: str) -> tuple[EvenFlight | None, EvenFlight | None]:
     """Return what the poses and a channel of the IMU see of the same quantity."""
     if name == "gyro" and "attitude" in series:
         return _rates(series["attitude"]), _channel(series["gyro"])

@@ -9,7 +9,8 @@ from tombo_dynamics.arrays import Array
 from tombo_logs.checks.spans import Span, sample_interval
 
 _LEAST_S = 0.05
-_LONG_S = 0.3
+LONG_S = 0.3
+"""From this gap on the detector no longer coasts, and a warning says so."""
 _SHARE = 0.05
 _MULTIPLE, _MOSTLY = 0.2, 0.8
 """Part of a step by which a gap may differ from a whole number of steps, and share of the gaps
@@ -33,7 +34,7 @@ def gaps(flight: str, channel: str, t: Array) -> list[Finding]:
         lengths = np.array([e - b for b, e in spans])
         share = float(lengths.sum() / max(t[-1] - t[0], 1e-9))
         longest = spans[int(np.argmax(lengths))]
-        severity = "warning" if lengths.max() > _LONG_S or share > _SHARE else "info"
+        severity = "warning" if lengths.max() > LONG_S or share > _SHARE else "info"
         message = (
             f"{channel}: {len(spans)} gaps, {100 * share:.1f} % of the time, the longest "
             f"{lengths.max():.2f} s at {longest[0]:.2f} s"
