@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-<<<<<<< HEAD
-from tombo_bag.message_codec import MessageCodec
-from tombo_bag.message_template import CONSTANTS, MessageTemplate
+from tombo_bag.columnar_cdr import lay_in_times, layout
+from tombo_bag.message_codec import CONSTANTS, MessageCodec
 from tombo_bag.topics import (
     BATTERY,
     CLOCK,
@@ -26,20 +25,11 @@ from tombo_bag.topics import (
     TopicSpec,
 )
 from tombo_dynamics.effects.downwash import jet_of, set_jets
-=======
-from tombo_bag.columnar_cdr import lay_in_times, layout
-from tombo_bag.message_codec import CONSTANTS, MessageCodec
-from tombo_bag.topics import BATTERY, CLOCK, IMU, MISSION_STATUS, ROTOR_COMMAND, TopicSpec
->>>>>>> a4714f38b818d2d93f203757cd8f9a2c4c745cd6
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.input_check import is_future
 from tombo_dynamics.messages import Imu, Phase, RotorSpeeds
 from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_HZ, TICK_NS
-<<<<<<< HEAD
-from tombo_ros.conversion import to_time
 from tombo_ros.core_node import main_of
-=======
->>>>>>> a4714f38b818d2d93f203757cd8f9a2c4c745cd6
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import LockstepMaster, take_until
 from tombo_ros.loop_statistics import LatenessHistogram
