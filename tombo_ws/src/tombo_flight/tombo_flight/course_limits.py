@@ -57,7 +57,7 @@ def check_timed_course(
     across = np.hypot(thrust[:, 0], thrust[:, 1])
     strongest = 4.0 * mounted_rotors(propeller, vehicle).thrust_highest / vehicle.mass
     limits = (
-        ("{:.2f} m outside of the flight volume", away, 0.0,
+        ("{:.3f} m outside of the flight volume", away, 0.0,
          "inside (volume.*)"),
         ("{:.2f} m too low", _LOWEST - position[:, 2], 0.0, f"z of at least {_LOWEST:g} m"),
         ("speed {:.2f} m/s across", np.hypot(velocity[:, 0], velocity[:, 1]),
