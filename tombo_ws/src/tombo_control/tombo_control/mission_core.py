@@ -335,13 +335,16 @@ def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
     """Write the reference at the present flight time; `still`: held where it is."""
     leg, now = stored_leg(memory.leg), memory.time_ns * 1e-9
     _, speed, change = trapezoidal_profile(now - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
+    along, feed = leg.velocity, change
+    if leg.ramp_s == 0.0:
+        along, feed = leg.acceleration, speed
     if still:
         speed = 0.0
-        change = 0.0
+        feed = 0.0
     out = memory.setpoint
     out.position = leg_position(leg, now)
     out.velocity = scale(speed, leg.velocity)
-    out.acceleration = scale(change, leg.velocity)
+    out.acceleration = scale(feed, along)
     out.yaw = leg_yaw(leg, now)
     out.phase = memory.mode
     out.takeoff_commands = memory.takeoff_commands

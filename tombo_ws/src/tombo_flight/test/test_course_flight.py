@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,9 +12,18 @@ import pytest
 from tombo_control.planning.course import leg_to, resolved_waypoints
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
+from tombo_dynamics.yaml_text import parse_yaml
 from tombo_flight.flight import as_flown, fly_scenario
 from tombo_flight.replay.recorded import scenario_of_bag
-from tombo_flight.scenario import course_begin, extended_scenario, load_scenario, world_of
+from tombo_flight.scenario import (
+    course_begin,
+    extended_scenario,
+    load_scenario,
+    scenario_from_mapping,
+    world_of,
+)
+from tombo_flight.scenario_file import complete_mapping
+from tombo_flight.yaml_file import yaml_of
 from tombo_sim.flight_setup import begin
 
 COURSE = [
@@ -179,3 +189,33 @@ class TestSurvey:
             assert record.summary["landed"], setting
             assert Phase.LAND in modes
             assert began(record, "land") < 50.0
+
+
+def test_a_course_of_a_file_is_flown_along_and_flies_again_from_its_scenario_file():
+    scenario = load_scenario("figure_eight")
+    record = fly_scenario(scenario, 3)
+    assert record.summary["landed"]
+    assert record.summary["approach_rms_m"] < 0.1
+    crossing = record.log["position"][record.log["mode"][:, 0] == Phase.APPROACH]
+    assert np.ptp(crossing, axis=0) == pytest.approx([2.4, 1.2, 0.3], abs=0.1)
+    again = scenario_from_mapping(parse_yaml(yaml_of(complete_mapping(scenario)), "it"), "again")
+    assert again.mission == scenario.mission
+
+
+@pytest.mark.parametrize(
+    ("setting", "named"),
+    [
+        ("control.velocity_max_xy=0.5", "speed 0.5"),
+        ("control.tilt_max=0.06", "tilt 0.06"),
+        ("volume.x_max=1.0", "m outside of the flight volume"),
+        ("control.velocity_max_z=0.1", "speed 0.10 m/s up or down"),
+        ("mission.land_time=30", "lasts until"),
+        ("mission.course=nowhere.csv", "nowhere.csv"),
+    ],
+)
+def test_a_course_of_a_file_beyond_a_limit_is_refused_by_row_and_time(setting, named):
+    with pytest.raises(InputError, match=r"mission\.course") as error:
+        load_scenario("figure_eight", [setting])
+    assert named in str(error.value) and "accepted: " in str(error.value)
+    if setting.startswith(("control", "volume")):
+        assert re.search(r"row \d+, at \d+\.\d\d s: ", str(error.value))

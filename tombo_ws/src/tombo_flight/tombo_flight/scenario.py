@@ -35,6 +35,7 @@ from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_
 from tombo_dynamics.records import parameter_record
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_dynamics.yaml_text import parse_yaml, read_text
+from tombo_flight.course_limits import check_timed_course, timed_course_end
 from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
@@ -77,6 +78,7 @@ class Scenario:
         return as_mapping(self)
 
 
+_SCENARIOS = Path(str(resources.files("tombo_flight"))) / "scenarios"
 _TOMBO_KEYS = ("propeller.conf", "propeller.law", "propeller.library")
 """Settings that choose a Tombo propeller."""
 _DECIMAL = re.compile(r"-?(0|[1-9][0-9]{0,15})(\.[0-9]{1,20})?")
@@ -92,7 +94,7 @@ _SECTIONS: dict[str, Any] = {
 
 def _builtin_file(name: str) -> Any:
     """Return the file of a built-in scenario; None: there is none of this name."""
-    source = resources.files("tombo_flight").joinpath("scenarios", f"{name}.yaml")
+    source = _SCENARIOS / f"{name}.yaml"
     return source if re.fullmatch(r"\w+", name) and source.is_file() else None
 
 
@@ -122,11 +124,11 @@ def _read(
         below: the files that extend this one, directly or not.
     """
     text, path = _text_of(name, folder)
+    beside = _SCENARIOS if path is None else path.parent
     if path is not None and path in below:
         raise InputError(f"scenario '{name}': extends itself")
     values = parse_yaml(text, f"scenario '{name}'")
-    if path is not None:
-        values = _files_beside(values, path.parent)
+    values = _files_beside(values, beside)
     whole = _extended(values, name, path.parent if path else folder, (*below, path))
     return whole, name if path is None else path.stem
 
@@ -144,6 +146,10 @@ def _files_beside(values: Any, folder: Path) -> Any:
         library = propeller.get("library")
         if isinstance(library, str) and library:
             found["propeller"] = {**propeller, "library": str(folder / library)}
+    mission = values.get("mission")
+    course = mission.get("course") if isinstance(mission, dict) else None
+    if isinstance(course, str) and course and "\n" not in course:
+        found["mission"] = {**values["mission"], "course": str(folder / course)}
     if isinstance(vehicle, str) and not is_builtin_vehicle(vehicle):
         found["vehicle"] = str(folder / vehicle)
     return found
@@ -336,6 +342,10 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
         raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
     check_volume(scenario.volume)
     check_course(scenario.mission, scenario.control, scenario.volume)
+    if isinstance(scenario.mission.course, str):
+        check_timed_course(
+            scenario.mission, scenario.control, scenario.volume, fitted, scenario.propeller
+        )
     return dataclasses.replace(scenario, vehicle=fitted)
 
 
@@ -376,7 +386,7 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
         said = {key: value for key, value in plain.pop(section).items() if value != defaults[key]}
         plain |= {section: said} if said else {}
     course = plain["mission"]["course"]
-    if course is not None:
+    if isinstance(course, tuple):
         plain["mission"]["course"] = [
             {key: value for key, value in waypoint.items() if value is not None}
             for waypoint in course
@@ -440,7 +450,10 @@ def check_course(mission: MissionParams, control: ControlParams, volume: FlightV
     end_s = course_begin(mission)
     here, yaw = hover, 0.0
     limits = parameter_record(volume)
-    for i, target in enumerate(resolved_waypoints(mission.course, hover, mission.approach_speed)):
+    course = mission.course
+    if isinstance(course, str):
+        end_s, course = timed_course_end(mission, end_s), ()
+    for i, target in enumerate(resolved_waypoints(course, hover, mission.approach_speed)):
         leg = leg_to(target, here, yaw, end_s)
         vx, vy, vz = leg.velocity
         _check_speed(i, "across", math.hypot(vx, vy), "velocity_max_xy", control.velocity_max_xy)

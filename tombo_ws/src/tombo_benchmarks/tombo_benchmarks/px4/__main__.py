@@ -40,6 +40,7 @@ _COLLISION: Final = "paper_collision"
 FLIGHTS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
     "hover": ("hover", ()),
     "square": ("no_obstacle", (_SQUARE,)),
+    "figure eight": ("figure_eight", ()),
     "collision": (_COLLISION, ()),
 }
 """Name -> scenario and settings."""

@@ -19,6 +19,7 @@ _COMMANDS: Final = (
     "flight.sweep_command",
     "flight.up_command",
     "flight.call_command",
+    "flight.graph_commands",
     "flight.px4_command",
     "flight.hil_command",
     "flight.mocap_command",

@@ -81,7 +81,7 @@ def course_of(
         yaw += math.remainder(yaw_of(pose.attitude) - yaw, math.tau)
         waypoints.append({"x": x, "y": y, "z": z, "yaw": yaw, "speed": speed, "hold": hold})
     course = read_course(name, waypoints)
-    assert course is not None
+    assert isinstance(course, tuple)
     return _held_at_the_end(course)
 
 

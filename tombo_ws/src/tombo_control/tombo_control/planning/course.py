@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tombo_control.planning.leg import ACCELERATION, Leg, Point, turning_leg
+from tombo_control.planning.timed_course import CourseReference, timed_course_text
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.jit import compiled
@@ -53,20 +54,28 @@ class ResolvedWaypoint(NamedTuple):
 Course = tuple[Waypoint, ...]
 
 
-def read_course(name: str, given: object) -> Course | None:
+def read_course(name: str, given: object) -> Course | str | None:
     """Return a checked course from the plain values of a scenario file.
 
     Args:
         name: what to call it in an error, as mission.course.
-        given: a list of mappings; None or an empty text: there is none.
+        given: a list of mappings, or `timed_course_text`'s path or text; None or an empty text:
+            there is none.
+
+    Returns:
+        waypoints, or the text of a timed course.
 
     Raises:
         InputError: not such a list, empty, too long, or a waypoint with an unknown key or a value
-            out of bounds.
+            out of bounds; or as `timed_course_text`.
     """
     if given is None or given == "":
         return None
-    accepted = f"accepted: a list of 1 to {MOST_WAYPOINTS} waypoints, or null for none"
+    if isinstance(given, str):
+        return timed_course_text(name, given)
+    accepted = (
+        f"accepted: a list of 1 to {MOST_WAYPOINTS} waypoints, the path of a CSV, or null for none"
+    )
     if not isinstance(given, list | tuple):
         raise InputError(f"{name}: {shown(given)} is no list; {accepted}")
     if not 1 <= len(given) <= MOST_WAYPOINTS:
@@ -123,6 +132,16 @@ def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> Res
                 values[k] = table[i, k]
     return ResolvedWaypoint(
         values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7]
+    )
+
+
+@compiled(inline=False)
+def leg_to_begin(
+    reference: CourseReference, start: Point, yaw: float, speed: float, now_s: float
+) -> Leg:
+    """Return the leg from `start`, heading `yaw`, to a place of a timed course."""
+    return turning_leg(
+        start, reference.position, (yaw, reference.yaw), now_s, speed, ACCELERATION, _YAW_RATE, 0.0
     )
 
 

@@ -38,6 +38,8 @@ class Leg(NamedTuple):
     turn_ramp_s: float = 0.0
     hold_s: float = 0.0
     """How long it is held before the next leg of a course."""
+    acceleration: Point = (0.0, 0.0, 0.0)
+    """Of a leg without ramps; it is fed forward, the way does not have it."""
 
     def position(self, time_s: float) -> Point:
         """Return the reference position at `time_s`."""
@@ -71,6 +73,7 @@ class LegRecord(Record):
     turn_s = field("s", "how long the turn lasts, from the begin")
     turn_ramp_s = field("s", "from rest to the rate, and back")
     hold_s = field("s", "how long it is held before the next leg of a course")
+    acceleration = field("m/s^2", "of a leg without ramps, in map", 3)
 
 
 @compiled(inline=False)
@@ -79,6 +82,7 @@ def store_leg(record: LegRecord, leg: Leg) -> None:
     for i in range(3):
         record.start[i] = leg.start[i]
         record.velocity[i] = leg.velocity[i]
+        record.acceleration[i] = leg.acceleration[i]
     record.begin_s, record.end_s, record.ramp_s = leg.begin_s, leg.end_s, leg.ramp_s
     record.yaw, record.yaw_rate = leg.yaw, leg.yaw_rate
     record.turn_s, record.turn_ramp_s = leg.turn_s, leg.turn_ramp_s
@@ -99,6 +103,7 @@ def stored_leg(record: LegRecord) -> Leg:
         record.turn_s,
         record.turn_ramp_s,
         record.hold_s,
+        (record.acceleration[0], record.acceleration[1], record.acceleration[2]),
     )
 
 
@@ -127,7 +132,8 @@ def motion_end(leg: Leg) -> float:
 @compiled(inline=False)
 def hold_leg(point: Point, now_s: float, yaw: float = 0.0) -> Leg:
     """Return the leg that holds a point."""
-    return Leg(point, (0.0, 0.0, 0.0), now_s, _FOREVER, 0.0, float(yaw), 0.0, 0.0, 0.0, 0.0)
+    still = (0.0, 0.0, 0.0)
+    return Leg(point, still, now_s, _FOREVER, 0.0, float(yaw), 0.0, 0.0, 0.0, 0.0, still)
 
 
 @compiled(inline=False)
@@ -176,7 +182,17 @@ def turning_leg(
         rate, turn_s, turn_ramp_s = _trapezoid(abs(change), yaw_rate, yaw_rate / _TURN_RAMP)
         rate = math.copysign(rate, change)
     return Leg(
-        start, velocity, now_s, now_s + lasts, ramp, yaw, rate, turn_s, turn_ramp_s, float(hold_s)
+        start,
+        velocity,
+        now_s,
+        now_s + lasts,
+        ramp,
+        yaw,
+        rate,
+        turn_s,
+        turn_ramp_s,
+        float(hold_s),
+        (0.0, 0.0, 0.0),
     )
 
 

@@ -13,6 +13,7 @@ from tombo_control.planning.course import (
     ResolvedWaypoint,
     Waypoint,
     leg_to,
+    leg_to_begin,
     read_course,
     resolved_waypoint,
     waypoint_table,
@@ -25,6 +26,12 @@ from tombo_control.planning.leg import (
     leg_yaw,
     motion_end,
     straight_leg,
+)
+from tombo_control.planning.timed_course import (
+    PIECE_COLUMNS,
+    course_pieces,
+    moving_leg,
+    piece_reference,
 )
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
@@ -69,10 +76,11 @@ class MissionParams:
         0.0, "m", (0.0, 20.0), "in place of the approach: jumps of the set point of this size", ""
     )
     step_period: float = param(3.0, "s", (0.2, 60.0), "time between such jumps", "")
-    course: tuple[Waypoint, ...] | None = structure(
+    course: tuple[Waypoint, ...] | str | None = structure(
         read_course,
         "in place of the approach: waypoints, each {x, y, z, yaw, speed, acceleration, yaw_rate, "
-        "hold}; what one leaves out is as at the one before; after the last it lands",
+        "hold}; what one leaves out is as at the one before; or a CSV of places over time, its "
+        "path or its text; after the last it lands",
     )
     hold_time: float = param(4.0, "s", (0.0, 600.0), "hold at x_r before landing", "seen steady")
     land_time: float = param(
@@ -87,12 +95,15 @@ class Plan(NamedTuple):
     params: Any
     """The numbers."""
     waypoints: Array
-    """(N, 8) the course, `waypoint_table`."""
+    """(N, 8) the course, `waypoint_table`; or (N, 34), of a timed one, `course_pieces`."""
 
 
 def compiled_plan(params: MissionParams) -> Plan:
     """Return the parameters as compiled code takes them."""
-    return Plan(parameter_record(params), waypoint_table(params.course))
+    course = params.course
+    if isinstance(course, str):
+        return Plan(parameter_record(params), course_pieces(course, params.height))
+    return Plan(parameter_record(params), waypoint_table(course))
 
 
 class MissionState(NamedTuple):
@@ -106,6 +117,8 @@ class MissionState(NamedTuple):
     settled_since_s: float = math.inf
     settled_s: float = math.nan
     """When the vehicle was first settled at x_r [s]; NaN before."""
+    course_s: float = math.nan
+    """When a timed course has begun, or will [s]; NaN: it is not begun."""
 
 
 @compiled(inline=False)
@@ -116,14 +129,17 @@ def _point(place: Array) -> Point:
 @compiled(inline=False)
 def _with(state: MissionState, mode: int, leg: Leg, steps: int) -> MissionState:
     """Return the state with another phase, leg and number of steps."""
-    return MissionState(mode, leg, state.home, steps, state.settled_since_s, state.settled_s)
+    return MissionState(
+        mode, leg, state.home, steps, state.settled_since_s, state.settled_s, state.course_s
+    )
 
 
 @compiled(inline=False)
 def begin(home: Array) -> MissionState:
     """Return the state on the ground at `home` (3)."""
     here = _point(home)
-    return MissionState(Phase.IDLE.value, hold_leg(here, 0.0), here, 0, math.inf, math.nan)
+    leg = hold_leg(here, 0.0)
+    return MissionState(Phase.IDLE.value, leg, here, 0, math.inf, math.nan, math.nan)
 
 
 @compiled(inline=False)
@@ -136,7 +152,7 @@ def initial_state_in_flight(position: Array, ground: float) -> MissionState:
     """
     x, y, z = _point(position)
     return MissionState(
-        Phase.HOLD.value, hold_leg((x, y, z), 0.0), (x, y, ground), 0, math.inf, 0.0
+        Phase.HOLD.value, hold_leg((x, y, z), 0.0), (x, y, ground), 0, math.inf, 0.0, math.nan
     )
 
 
@@ -162,6 +178,8 @@ def resume(state: MissionState, plan: Plan, now_s: float, position: Array) -> Mi
         leg = straight_leg(here, _top(state, plan), plan.params.climb_speed, now_s)
     elif state.mode != Phase.APPROACH:
         return state
+    elif _is_timed(plan):
+        return _to_piece(state, plan, state.steps - 1, here, now_s)
     elif plan.waypoints.shape[0] > 0:
         leg = leg_to(_target(state, plan, state.steps - 1), here, leg_yaw(state.leg, now_s), now_s)
     elif plan.params.step_size > 0.0:
@@ -178,7 +196,9 @@ def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionStat
     if not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
         return state
     leg = hold_leg(_point(x_r), now_s, leg_yaw(state.leg, now_s))
-    return MissionState(Phase.REACT.value, leg, state.home, state.steps, math.inf, math.nan)
+    return MissionState(
+        Phase.REACT.value, leg, state.home, state.steps, math.inf, math.nan, state.course_s
+    )
 
 
 @compiled(inline=False)
@@ -201,6 +221,8 @@ def advance_mission(
         if _is_within(position, top, _ARRIVED) and norm(velocity) < _STILL:
             return _with(state, Phase.HOVER.value, hold_leg(top, now_s), state.steps)
     flying = mode == Phase.HOVER and now_s >= plan.params.approach_time
+    if _is_timed(plan) and (flying or mode == Phase.APPROACH):
+        return _along_pieces(state, plan, now_s, position)
     if plan.waypoints.shape[0] > 0 and (flying or mode == Phase.APPROACH):
         return _along_course(state, plan, now_s, position)
     if flying:
@@ -253,6 +275,49 @@ def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array
 
 
 @compiled(inline=False)
+def _is_timed(plan: Plan) -> bool:
+    return bool(plan.waypoints.shape[0] > 0 and plan.waypoints.shape[1] == PIECE_COLUMNS)
+
+
+@compiled(inline=False)
+def _to_piece(
+    state: MissionState, plan: Plan, row: int, start: Point, now_s: float
+) -> MissionState:
+    """Fly from rest at `start` to where a piece of a timed course begins; then it goes on."""
+    row = min(max(row, 0), plan.waypoints.shape[0] - 1)
+    begin_s = plan.waypoints[row, 0]
+    reference = piece_reference(plan.waypoints, row, begin_s)
+    yaw = leg_yaw(state.leg, now_s)
+    leg = leg_to_begin(reference, start, yaw, plan.params.approach_speed, now_s)
+    return MissionState(
+        Phase.APPROACH.value,
+        leg,
+        state.home,
+        row + 1,
+        state.settled_since_s,
+        state.settled_s,
+        motion_end(leg) - begin_s,
+    )
+
+
+@compiled(inline=False)
+def _along_pieces(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+    """Take the reference of a timed course at this time; after its end, land."""
+    if state.mode != Phase.APPROACH or math.isnan(state.course_s):
+        return _to_piece(state, plan, 0, leg_position(state.leg, now_s), now_s)
+    since, pieces = now_s - state.course_s, plan.waypoints
+    row = min(max(state.steps - 1, 0), pieces.shape[0] - 1)
+    if since < pieces[row, 0]:
+        return state
+    while since >= pieces[row, 1]:
+        row += 1
+        if row == pieces.shape[0]:
+            return land(state, plan, now_s, position)
+    leg = moving_leg(piece_reference(pieces, row, since), now_s)
+    return _with(state, Phase.APPROACH.value, leg, row + 1)
+
+
+@compiled(inline=False)
 def _next_step(state: MissionState, plan: Plan, now_s: float) -> MissionState:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
     corner = _corner(state, plan, state.steps)
@@ -282,7 +347,7 @@ def _settling(
         mode, settled = Phase.HOLD.value, now_s
     elif mode == Phase.HOLD and now_s - settled >= plan.params.hold_time:
         return land(state, plan, now_s, position)
-    return MissionState(mode, state.leg, state.home, state.steps, since, settled)
+    return MissionState(mode, state.leg, state.home, state.steps, since, settled, state.course_s)
 
 
 @compiled(inline=False)

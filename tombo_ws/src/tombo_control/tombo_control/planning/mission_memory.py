@@ -87,12 +87,13 @@ class MissionMemory(Record):
     has_estimate = field("1", "the first estimate has come", kind=bool)
     started = field("1", "false: waits on the ground, the plan's clock at 0", kind=bool)
     takeoff_commands = field("1", "of an operator; `auto_start` is none", kind=int)
-    mode = field("1", "from here to settled_s: the `MissionState`", kind=int)
+    mode = field("1", "from here to course_s: the `MissionState`", kind=int)
     leg = field("", "the reference", kind=LegRecord)
     home = field("m", "in map", 3)
     steps = field("1", "jumps made, or waypoints begun", kind=int)
     settled_since_s = field("s", "at x_r since then")
     settled_s = field("s", "when it was first settled there; NaN before")
+    course_s = field("s", "begin of a timed course; NaN before")
     wait_reason = field("1", "a `WaitReason`", kind=int)
     position = field("m", "last estimate, in map", 3)
     velocity = field("m/s", "last estimate, in map", 3)
@@ -153,6 +154,7 @@ def mission_state(memory: MissionMemory) -> MissionState:
         memory.steps,
         memory.settled_since_s,
         memory.settled_s,
+        memory.course_s,
     )
 
 
@@ -165,3 +167,4 @@ def store_state(memory: MissionMemory, state: MissionState) -> None:
     memory.steps = state.steps
     memory.settled_since_s = state.settled_since_s
     memory.settled_s = state.settled_s
+    memory.course_s = state.course_s

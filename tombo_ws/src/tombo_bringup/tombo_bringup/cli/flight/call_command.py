@@ -27,6 +27,8 @@ def call(given: _Request, domain: Domain, shown: Shown) -> None:
 
     takeoff, hold, land and abort ask the mission; kill switches the rotors off wherever the
     vehicle is. Over PX4 hold, land, abort and kill ask PX4 itself. No installed ROS is needed.
+
+    Beside it: `tombo topic list|echo|hz` and `tombo param list|get|set|dump`.
     """
     from tombo_flight.suite.nodes import discovery_environment
 

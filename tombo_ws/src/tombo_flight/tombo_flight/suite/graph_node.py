@@ -1,0 +1,177 @@
+"""Looks at topics and parameters of the running nodes, as `ros2 topic` and `ros2 param` do.
+
+    python -m tombo_flight.suite.graph_node '["param", "list", "mission"]' [--json]
+
+Exit code 0; 1 when a node refused a value, or no message came; 2 for bad input.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from typing import Any
+
+import rclpy
+import yaml
+from rcl_interfaces.msg import Parameter
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.parameter import get_parameter_value, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from tombo_dynamics.errors import InputError, unknown_name
+from tombo_flight.suite.parameter_yaml import parameter_yaml
+from tombo_ros.topic import message_class
+
+_PATIENCE_S = 20.0
+"""So long a node may take to be discovered, or to answer, on a busy machine."""
+_BRIDGE_S = 0.5
+"""Time in which all nodes have been discovered after the first [s]."""
+_LOOK_S = 0.02
+_NAME = "graph"
+_Show = Callable[[Any], None]
+
+
+def _nodes(node: Node) -> list[str]:
+    """Return the full names of the other nodes."""
+    found = node.get_node_names_and_namespaces()
+    return sorted(f"{space.rstrip('/')}/{name}" for name, space in found if name != _NAME)
+
+
+def _topics(node: Node) -> dict[str, str]:
+    """Return topic → type of those with a publisher."""
+    found = node.get_topic_names_and_types()
+    return {name: kinds[0] for name, kinds in sorted(found) if node.count_publishers(name)}
+
+
+def _full_name(what: str, name: str, known: Any) -> str:
+    if (name := f"/{name.lstrip('/')}") not in known:
+        raise unknown_name(what, name, known)
+    return name
+
+
+def _subscribe(node: Node, name: str, take: Callable[[Any], None]) -> None:
+    """Hand each message of a topic to `take`, those of a latched one from the first on."""
+    topics = _topics(node)
+    name = _full_name("topic", name, topics)
+    try:
+        kind = message_class(topics[name])
+    except ImportError as error:
+        raise InputError(f"{name}: {topics[name]} is not installed") from error
+    offered = [info.qos_profile for info in node.get_publishers_info_by_topic(name)]
+    latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offered)
+    latest = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+    kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(kind, name, take, kept if latched else latest)
+
+
+def plain_message(message: Any) -> Any:
+    """Return a message as nested plain values."""
+    if hasattr(message, "get_fields_and_field_types"):
+        names = message.get_fields_and_field_types()
+        return {name: plain_message(getattr(message, name)) for name in names}
+    if hasattr(message, "tolist"):
+        return message.tolist()
+    if isinstance(message, list | tuple | bytes):
+        return [plain_message(each) for each in message]
+    return message
+
+
+def _topic(node: Node, show: _Show, verb: str, name: str, count: int, seconds: float) -> int:
+    """List topics, print messages of one, or measure its rate."""
+    if verb == "list":
+        show(_topics(node))
+        return 0
+    times: list[float] = []
+
+    def take(message: Any) -> None:
+        times.append(time.monotonic())
+        if verb == "echo":
+            show(plain_message(message))
+
+    _subscribe(node, name, take)
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s and not (verb == "echo" and 0 < count <= len(times)):
+        rclpy.spin_once(node, timeout_sec=0.1)
+    if verb == "hz":
+        gaps = [after - before for before, after in pairwise(times)]
+        rate = len(gaps) / sum(gaps) if gaps else 0.0
+        show({"messages": len(times), "rate_hz": round(rate, 2)})
+    return 0 if times else 1
+
+
+def _param(node: Node, show: _Show, verb: str, name: str, key: str = "", value: str = "") -> int:
+    """List, print or set parameters of a node."""
+    name = _full_name("node", name, _nodes(node))
+    client = AsyncParameterClient(node, name)
+
+    def answer(future: Any) -> Any:
+        rclpy.spin_until_future_complete(node, future, timeout_sec=_PATIENCE_S)
+        if not future.done() or future.result() is None:
+            raise InputError(f"node {name} does not answer; accepted: a node that runs")
+        return future.result()
+
+    if not client.wait_for_services(_PATIENCE_S):
+        raise InputError(f"node {name} has no parameters; accepted: another node")
+    if verb == "set":
+        parameter = Parameter(name=key, value=get_parameter_value(value))
+        (result,) = answer(client.set_parameters([parameter])).results
+        show({"set": bool(result.successful), "reason": result.reason})
+        return 0 if result.successful else 1
+    names = sorted(answer(client.list_parameters()).result.names)
+    if key and key not in names:
+        raise unknown_name(f"parameter of {name}", key, names)
+    if verb == "list":
+        show(names)
+        return 0
+    wanted = [key] if key else names
+    found = map(parameter_value_to_python, answer(client.get_parameters(wanted)).values)
+    values = {n: plain_message(v) for n, v in zip(wanted, found, strict=True)}
+    if verb == "get":
+        show(values[key])
+    else:
+        sys.stdout.write(parameter_yaml({name.lstrip("/"): values}))
+    return 0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Look, and print."""
+    request, *more = sys.argv[1:] if arguments is None else arguments
+    group, verb, *words = json.loads(request)
+
+    def show(value: Any) -> None:
+        if "--json" in more:
+            text = json.dumps(value)
+        elif isinstance(value, Mapping):
+            text = yaml.safe_dump(value, sort_keys=False) + ("---" if verb == "echo" else "")
+        else:
+            text = "\n".join(value) if isinstance(value, list) else str(value)
+        sys.stdout.write(f"{text.rstrip()}\n")
+        sys.stdout.flush()
+
+    rclpy.init()
+    node = Node(_NAME, start_parameter_services=False)
+    try:
+        end_s = time.monotonic() + _PATIENCE_S
+        while not _nodes(node) and time.monotonic() < end_s:
+            time.sleep(_LOOK_S)
+        if not _nodes(node):
+            raise InputError("no node runs in this domain; accepted: while `tombo up` runs")
+        time.sleep(_BRIDGE_S)
+        return (_topic if group == "topic" else _param)(node, show, verb, *words)
+    except InputError as error:
+        sys.stderr.write(f"Error: {error}\n")
+        return 2
+    except (KeyboardInterrupt, ExternalShutdownException, BrokenPipeError):
+        return 0
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
