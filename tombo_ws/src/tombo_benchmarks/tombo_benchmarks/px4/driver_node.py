@@ -19,7 +19,8 @@ from tombo_benchmarks.px4.first_flight import KILL_CHANNEL, rehearse, table
 from tombo_px4.link.mavlink_link import Link
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
-_FLIES_M = 0.2
+_FLIES_M = 0.28
+"""Height of base_link [m]: its legs are below it."""
 _RC_S = 0.05
 _LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
 """us: of a channel."""
