@@ -115,7 +115,7 @@ def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops
         stack.callback(sim.send_signal, signal.SIGINT)
         if build is not None:
             world = world_of(load_scenario("hover"))
-            known = airframe_parameters(world, HilFlight(world, 0))
+            known = airframe_parameters(world, 0)
             px4 = {**known, **MOCAP_ONLY, **_REMOTE, **parameters}
             stack.enter_context(Px4Process(build, folder / "px4", px4, instance))
         person = stack.enter_context(driver(fault, f"udpout://127.0.0.1:{remote}", system))

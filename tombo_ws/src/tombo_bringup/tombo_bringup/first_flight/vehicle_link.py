@@ -11,11 +11,11 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_flight.suite.px4_connection import PATIENCE_S, find_vehicle, link_key
+from tombo_px4.bridge.bridge_params import LinkParams
 from tombo_px4.link import messages
-from tombo_px4.modes import Result
-from tombo_px4.link.link_params import LinkParams
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.link.messages import MessageTarget
+from tombo_px4.modes import Result
 
 _LOOK_S = 0.1
 _HEARTBEAT_S = 0.5
