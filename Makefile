@@ -4,8 +4,8 @@
 # make check    lint and the fast tests, in parallel: two minutes
 # make test     lint, then every test (PYTEST_ARGS='-k propeller' for some)
 # make test-px4 PX4=DIR   fly with a real PX4 SITL that was built in DIR (ARGS='--seeds 50'); ARGS=--losses: lose
-#                         poses, link, bridge …, without PX4=DIR over the simulated one; --first-flight: the steps
-#                         of docs/first_real_flight.md
+#                         poses, link, bridge …, without PX4=DIR over the simulated one; --first-flight:
+#                         the guided first flight, with faults
 # make lint     ruff and mypy
 # make format   lay the sources out as `make lint` wants them
 # make bench    measure the speed on this machine

@@ -15,7 +15,9 @@ FROM_OUTSIDE = {
     # a benchmark that asks whether the person is told the mistake
     "tombo_benchmarks/px4/wrong_axes.py",
     # play the person who reads a page and a terminal
-    "tombo_benchmarks/px4/first_flight.py",
+    "tombo_benchmarks/px4/driver_node.py",
+    # reads the texts of PX4
+    "tombo_bringup/first_flight/checks.py",
     "tombo_benchmarks/px4/terminal.py",
     # the command line's own parser has no other sign
     "tombo_bringup/cli/errors.py",

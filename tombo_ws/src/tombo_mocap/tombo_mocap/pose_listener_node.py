@@ -34,6 +34,9 @@ def main(arguments: list[str]) -> int:
         end_s = time.monotonic() + _DISCOVERY_S
         while not source.waiting() and time.monotonic() < end_s:
             time.sleep(_LOOK_S)
+        if source.waiting():
+            sys.stderr.write("poses come: carry the vehicle about now\n")
+            sys.stderr.flush()
         end_s = time.monotonic() + float(arguments[0])
         while time.monotonic() < end_s:
             for taken in source.take():

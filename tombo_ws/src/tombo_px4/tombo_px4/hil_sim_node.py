@@ -49,7 +49,8 @@ class HilSimNode(VehicleNode):
             " axes of the poses; 0: none does",
             bounds=(0.0, 600.0),
         )
-        hand = HandMotion(hand_at) if hand_at > 0.0 else None
+        hand = HandMotion(hand_at) if hand_at > 0.0 else HandMotion()
+        self.offer_hand(hand)
         self._hil = HilSimulator(self.world, self.seed, port, watch=self._watch, hand=hand)
         self.attach_simulator(self._hil.flight.simulator)
         self._began_ns = 0

@@ -17,6 +17,7 @@ from tombo_dynamics.time_base import TICK_NS
 from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, PARAMETERS, ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.hil.hand_motion import HandMotion
 from tombo_px4.link.mavlink_link import Link, read_key
 from tombo_px4.modes import OFFBOARD, Severity, mode_name
 from tombo_px4.protocol.endpoint import Endpoint
@@ -94,6 +95,8 @@ class Px4SimNode(VehicleNode):
         }
         warm_up(self.world)
         self.vehicle = Px4Vehicle(self.world, self.seed, table)
+        self.vehicle.hand = HandMotion()
+        self.offer_hand(self.vehicle.hand)
         self.attach_simulator(self.vehicle.simulator)
         links = [(link, kind) for kind, link in self._links.items()]
         self._endpoint = Endpoint(self.vehicle, links)

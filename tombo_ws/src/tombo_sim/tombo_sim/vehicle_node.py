@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from std_srvs.srv import Trigger
 
 from tombo_bag.markers import obstacle_marker
 from tombo_bag.topics import MARKERS, MOCAP_POSE, TRUE_CONTACT, TRUE_ODOMETRY, TRUE_ROTORS
@@ -121,6 +122,16 @@ class VehicleNode(LoopNode):
             }
         r = self.records
         return World(r["vehicle"], r["propeller"], r["obstacle"], r["spread"], effects, mocap_rate)
+
+    def offer_hand(self, hand: Any) -> None:
+        """Offer a service that lets a simulated hand (`HandMotion`) move the vehicle."""
+
+        def move(_: Any, response: Any) -> Any:
+            hand.asked = response.success = True
+            response.message = "a hand carries and turns the vehicle"
+            return response
+
+        self.ros.create_service(Trigger, "sim/hand", move)
 
     def attach_simulator(self, simulator: Simulator) -> None:
         """Take the vehicle that is to be shown, and advertise the topics."""

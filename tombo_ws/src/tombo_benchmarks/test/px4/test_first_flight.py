@@ -1,35 +1,107 @@
-"""The script that plays the person types what the page of the first real flight says."""
+"""A first flight is stopped by each fault of a lab: the decisions, without nodes."""
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from tombo_benchmarks.px4.first_flight import PAGE, SCENARIO, VEHICLE, commands_of, scenario_of
-from tombo_flight.scenario import load_scenario
+from tombo_bringup.first_flight.checks import (
+    battery_lack,
+    blockers_of,
+    clock_lack,
+    fence_lack,
+    kill_lack,
+    parameter_differences,
+    parameters_of,
+    rotor_lack,
+)
+from tombo_bringup.first_flight.runner import Answers, do_steps, steps_to_do
+from tombo_bringup.first_flight.steps import STEPS, Step
+from tombo_control.safety.params import FlightVolume
+from tombo_dynamics.errors import InputError
+from tombo_px4.bridge.vehicle_parameters import parameter_file
+
+LIMITS = {"BAT_LOW_THR": 0.2, "BAT_CRIT_THR": 0.1, "BAT_EMERGEN_THR": 0.05, "COM_LOW_BAT_ACT": 2}
+TURNED = ["front_right ccw", "rear_left ccw", "front_left cw", "rear_right cw"]
+FENCE = {"GF_ACTION": 5, "GF_MAX_HOR_DIST": 4.0, "GF_MAX_VER_DIST": 3.0}
+NET = FlightVolume(x_min=-2.0, x_max=2.0, y_min=-1.5, y_max=1.5, z_max=2.5)
+CHRONY = "C0A80101,192.168.1.1,3,0,{},0,0,0,0,0,0,0,0,{}"
 
 
-def test_the_commands_are_those_of_the_page():
-    page = PAGE.read_text(encoding="utf-8")
-    (up,) = (c for c in commands_of(page, 3) if c.startswith("tombo up"))
-    assert f" {SCENARIO} --vehicle {VEHICLE} --px4 " in up and "--without mission" in up
-    assert [c.split()[3] for c in commands_of(page, 5)] == [
-        "/px4/offboard",
-        "/px4/arm",
-        "/px4/kill",
-    ]
-    fly, diagnose = (c for c in commands_of(page, 6) if c.startswith("tombo "))
-    # what flies is what step 2 has described
-    assert f"tombo fly {SCENARIO} --vehicle {VEHICLE} --px4 " in fly
-    assert f"--vehicle {VEHICLE}" in diagnose
+def test_rotors_in_another_order_or_turning_the_other_way_are_named():
+    assert rotor_lack(TURNED) == ""
+    assert "motor 1" in rotor_lack(["front_left cw"])
+    assert "motor 3" in rotor_lack([*TURNED[:2], "front_left ccw"])
 
 
-def test_the_scenario_of_the_page_flies_within_its_net(tmp_path):
-    (tmp_path / SCENARIO).write_text(scenario_of(PAGE.read_text(encoding="utf-8")))
-    scenario = load_scenario(str(tmp_path / SCENARIO))
-    assert scenario.mission.height < scenario.volume.z_max - scenario.volume.margin
-    assert scenario.volume.x_max == 2.0 and scenario.safety.speed_max == 2.0
+def test_a_low_or_unknown_battery_is_named():
+    assert battery_lack(0.9, LIMITS) == ""
+    assert "30%" in battery_lack(0.3, LIMITS)
+    assert "does not know" in battery_lack(math.nan, LIMITS)
+    assert "COM_LOW_BAT_ACT" in battery_lack(0.9, {**LIMITS, "COM_LOW_BAT_ACT": 0})
 
 
-def test_a_page_without_the_step_is_seen():
-    with pytest.raises(IndexError):
-        commands_of(PAGE.read_text(encoding="utf-8"), 9)
+def test_old_parameters_are_named_against_the_written_file():
+    wanted = parameters_of(parameter_file())
+    assert parameter_differences(wanted, wanted) == ""
+    old = {**wanted, "COM_OBL_RC_ACT": 0.0}
+    assert parameter_differences(old, wanted) == "COM_OBL_RC_ACT is 0, not 4"
+    del old["COM_OBL_RC_ACT"]
+    assert "COM_OBL_RC_ACT is not known" in parameter_differences(old, wanted)
+
+
+def test_a_fence_must_be_around_the_volume():
+    assert fence_lack(FENCE, NET) == ""
+    assert "no volume" in fence_lack(FENCE, FlightVolume())
+    assert "GF_MAX_VER_DIST is 0" in fence_lack({**FENCE, "GF_MAX_VER_DIST": 0.0}, NET)
+    assert "GF_ACTION is 3" in fence_lack({**FENCE, "GF_ACTION": 3}, NET)
+
+
+def test_a_clock_that_is_not_set_is_named():
+    assert clock_lack(CHRONY.format("0.0001", "Normal")) == ""
+    assert "50.0 ms off" in clock_lack(CHRONY.format("-0.05", "Normal"))
+    assert "no clock" in clock_lack(CHRONY.format("0", "Not synchronised"))
+
+
+def test_a_kill_counts_in_the_air_alone():
+    assert kill_lack(["Kill engaged"], {"max_height_m": 0.3}) == ""
+    assert "in the air" in kill_lack(["Kill engaged"], {"max_height_m": 0.05})
+    assert "did not report" in kill_lack(["Landing detected"], {"max_height_m": 0.3})
+
+
+def test_only_blocking_findings_stop_the_proof_of_the_axes():
+    values = {"mode": "hold", "findings": "blocks: axes | warning: late | blocks: up"}
+    assert blockers_of(values) == "axes; up"
+    assert blockers_of({**values, "findings": "warning: late"}) == ""
+    assert blockers_of({"findings": ""}) != ""  # PX4 is not heard
+
+
+def test_a_list_goes_on_where_it_failed_and_repeats_what_may_have_changed():
+    passed = {step.key: {"passed": True} for step in STEPS}
+    assert steps_to_do(passed, None) == []
+    later = {**passed, "axes": {"passed": False}}
+    keys = [step.key for step in steps_to_do(later, None)]
+    assert keys[:5] == ["mocap", "clocks", "battery", "kill_switch", "axes"]
+    assert keys[-1] == "obstacle"
+    with pytest.raises(InputError, match="axes is not passed"):
+        steps_to_do(later, "hover")
+
+
+def test_a_no_stops_the_list_and_is_written_down(tmp_path):
+    from tombo_bringup.first_flight.checks import Session
+    from tombo_bringup.lab_file import Lab
+
+    person = Answers({"propellers": False})
+    session = Session(tmp_path / "lab.yaml", Lab(tmp_path), tmp_path, person.ask, lambda text: 0)
+    flown: list[str] = []
+    asks = next(step for step in STEPS if step.key == "propellers")
+    hover = Step("hover", "", "", "", lambda s: flown.append("hover"))  # type: ignore[func-returns-value, arg-type]
+    assert not do_steps(session, [asks, hover], {})
+    assert flown == []
+    assert "passed: false" in (tmp_path / "first_flight.yaml").read_text()
+
+
+def test_a_question_without_an_answer_is_bad_input():
+    with pytest.raises(InputError, match="rotors"):
+        Answers({}).ask("rotors", "Are all propellers off?")

@@ -18,6 +18,7 @@ from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
 from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.faults.fault_model import FAULT_TEXTS
+from tombo_bringup.first_flight.steps import printed_steps
 from tombo_control.safety.state_machine import TABLE, SafetyState
 from tombo_dynamics.core import Core
 from tombo_dynamics.effect_registry import HEALTHY_SPREAD
@@ -63,6 +64,7 @@ PAGES = {
     "px4.md": ("px4_nodes",),
     "safety.md": ("states", "transitions"),
     "faults.md": ("faults",),
+    "first_real_flight.md": ("first_flight",),
 }
 """Page → its tables."""
 
@@ -239,6 +241,7 @@ def tables(page: str = "nodes.md") -> dict[str, str]:
         "nodes": node_table(nodes),
         "topics": topic_table(nodes),
         "px4_nodes": node_table(read_nodes(IN_PLACE_OF_SIM)),
+        "first_flight": table_markdown(("step", "you", "machine", "if it fails"), printed_steps()),
         **safety_tables(),
     }
     return {name: found[name] for name in PAGES[page]}

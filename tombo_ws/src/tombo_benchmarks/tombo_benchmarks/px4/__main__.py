@@ -88,9 +88,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         simulated = options.simulated or options.px4 is None
         build = None if simulated else px4_build(options.px4)
         with TemporaryDirectory() as scratch, StopSignals(signal.SIGHUP) as stop:
-            if options.first_flight and build is not None:
+            if options.first_flight:
                 folder = options.keep or Path(scratch) / "first"
-                words = [str(build), str(folder), str(options.instance)]
+                place = "simulated" if build is None else str(build)
+                words = [place, str(folder), str(options.instance), *(options.row or ())]
                 command = [sys.executable, "-m", "tombo_benchmarks.px4.driver_node", *words]
                 return subprocess.run(command).returncode
             study = _study(options, build is not None, stop)
@@ -133,7 +134,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         ),
         ("--wrong-axes", "fly with wrong axes of the motion capture, each once"),
         ("--services", "ask for each service in each state"),
-        ("--first-flight", "do steps 3 to 6 of docs/first_real_flight.md over the nodes"),
+        ("--first-flight", "do `tombo first-flight`, without and with each of eight faults"),
         ("--simulated", "the simulated PX4 flies, in place of a real one"),
         ("--docs", "write the table into its page"),
     ):

@@ -1,56 +1,50 @@
-"""The driver of a motion capture, and a terminal with `ros2`; does the steps of `first_flight`."""
+"""The lab of a rehearsed first flight: motion capture, hand, remote control; plays the person."""
 
 from __future__ import annotations
 
-import shlex
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import rclpy
-import yaml
+from pymavlink.dialects.v20 import common as mav
 from rclpy.signals import SignalHandlerOptions
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
-from tombo_bag.topics import MOCAP_POSE, PX4_STATUS, TRUE_ROTORS
-from tombo_benchmarks.px4.first_flight import fly_first, table
-from tombo_bringup.cli.errors import print_error
+from tombo_bag.topics import MOCAP_POSE
+from tombo_benchmarks.px4.first_flight import KILL_CHANNEL, rehearse, table
+from tombo_px4.link.mavlink_link import Link
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
-PATIENCE_S = 180.0
-"""The longest wait."""
+_FLIES_M = 0.28
+"""Height of base_link [m]: its legs are below it."""
+_RC_S = 0.05
+_LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
+"""us: of a channel."""
+_BATTERY_EMPTY = (float(mav.FAILURE_UNIT_SYSTEM_BATTERY), float(mav.FAILURE_TYPE_OFF))
 
 
-class Driver:
-    """The driver of the motion capture, and a terminal with `ros2`; use as a context manager.
+class LabDriver:
+    """Poses on their way to `/mocap/pose`, and what the person does; use as a context manager."""
 
-    Attributes:
-        frame: `frame_id` of its poses; at first that of VRPN's driver.
-        on: the markers are seen.
-        status: the newest of `/px4/status`.
-        rotor_speed: of the true rotors [rad/s].
-    """
-
-    def __init__(self) -> None:
-        self.frame, self.on = "world", True
-        self.status: Any = None
-        self.rotor_speed: Sequence[float] = (0.0,)
+    def __init__(self, fault: str, remote_url: str, system: int) -> None:
+        self._fault, self._system = fault, system
+        self._killed = self._kills_in_flight = self._proves = False
+        self._first: Any = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
-        self._call: tuple[Any, Any] | None = None
+        self._remote = Link(remote_url, system=255, component=1, clock=time.time_ns)
 
-    def __enter__(self) -> Driver:
+    def __enter__(self) -> LabDriver:
         """Start."""
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("driver")
         self._poses = PolledSubscription(self._node, replace(MOCAP_POSE, name="/driver/pose"), 20)
         self._out = TopicPublisher(self._node, MOCAP_POSE)
-        self._states = PolledSubscription(self._node, PX4_STATUS)
-        self._rotors = PolledSubscription(self._node, TRUE_ROTORS, 1)
+        self._hand = self._node.create_client(Trigger, "sim/hand")
         self._thread.start()
         return self
 
@@ -58,60 +52,72 @@ class Driver:
         """End."""
         self._stop.set()
         self._thread.join()
+        self._remote.close()
         self._node.destroy_node()
         rclpy.shutdown()
 
+    def act(self, line: str) -> None:
+        """Do what a line of `tombo first-flight` asks the person for."""
+        if "carry the vehicle about now" in line or (
+            "are not proven" in line and not self._proves
+        ):
+            self._proves = "are not proven" in line
+            self._hand.wait_for_service(10.0)
+            self._hand.call_async(Trigger.Request())
+        if "kill switch of the remote control" in line:
+            self._killed = line.rstrip().endswith("on.")
+        self._kills_in_flight |= "Switch the kill switch on as soon as" in line
+
     def _run(self) -> None:
+        sent_s = 0.0
         while not self._stop.is_set():
             for taken in self._poses.take():
-                taken.message.header.frame_id = self.frame
-                if self.on:
-                    self._out.publish(taken.message)
-            for taken in self._states.take():
-                self.status = taken.message
-            newest = self._rotors.newest()
-            self.rotor_speed = self.rotor_speed if newest is None else newest.message.speed
+                message = taken.message
+                self._killed |= self._kills_in_flight and message.pose.position.z > _FLIES_M
+                self._out.publish(self._spoilt(message))
+            if time.monotonic() - sent_s > _RC_S:
+                sent_s = time.monotonic()
+                self._speak()
             rclpy.spin_once(self._node, timeout_sec=0.0)
             time.sleep(0.002)
 
-    def until(self, condition: Callable[[], object]) -> None:
-        """Wait.
+    def _speak(self) -> None:
+        """Send the channels of the remote control."""
+        channels = [_MIDDLE, _MIDDLE, _LOW, *(5 * [_MIDDLE]), *(10 * [_LOW])]
+        channels[KILL_CHANNEL - 1] = _HIGH if self._killed else _LOW
+        target = (self._system, 1)
+        self._remote.send(mav.MAVLink_rc_channels_override_message(*target, *channels))
+        if self._fault == "low battery":
+            values = (*_BATTERY_EMPTY, *(5 * [0.0]))
+            number = mav.MAV_CMD_INJECT_FAILURE
+            self._remote.send(mav.MAVLink_command_long_message(*target, number, 0, *values))
 
-        Raises:
-            TimeoutError: it does not come.
-        """
-        end_s = time.monotonic() + PATIENCE_S
-        while self.status is None or not condition():
-            if time.monotonic() > end_s:
-                raise TimeoutError(f"waited too long; PX4 and bridge: {self.status}")
-            time.sleep(0.005)
-
-    def call(self, command: str) -> tuple[bool, str]:
-        """Do what `ros2 service call NAME TYPE [VALUES]` does; return the answer."""
-        _, _, _, name, kind, *values = shlex.split(command)
-        service: Any = {"Trigger": Trigger, "SetBool": SetBool}[kind.rpartition("/")[2]]
-        request = service.Request(**(yaml.safe_load(values[0]) if values else {}))
-        client = self._node.create_client(service, name)
-        client.wait_for_service(PATIENCE_S)
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result().success, future.result().message
+    def _spoilt(self, message: Any) -> Any:
+        """Return a pose as the motion capture of a lab with a fault sends it."""
+        p, q = message.pose.position, message.pose.orientation
+        if self._fault == "y up":
+            p.y, p.z = p.z, -p.y
+            q.y, q.z = q.z, -q.y
+        if self._fault == "body that does not move":
+            self._first = self._first or (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+            noise = 1e-4 * (message.header.stamp.nanosec % 7)
+            p.x, p.y, p.z, q.x, q.y, q.z, q.w = self._first
+            p.x += noise
+        if self._fault == "clock":
+            message.header.stamp.sec += 1
+        return message
 
 
 def main() -> int:
-    """Do the steps of docs/first_real_flight.md; return 1 if one is not as it is written."""
-    build, folder, instance = sys.argv[1:]
+    """Rehearse a first flight, and each fault; return 1 if one does not go as it must."""
+    build, folder, instance, *rows = sys.argv[1:]
     outcomes = []
-    try:
-        for outcome in fly_first(Path(build), Path(folder), int(instance), Driver):
-            outcomes.append(outcome)
-            state = "as written" if outcome.as_written else "NOT as written"
-            print(f"step {outcome.step}, {outcome.does}: {state}: {outcome.result}", flush=True)
-    except TimeoutError as error:
-        print_error(str(error))
-        return 1
+    place = None if build == "simulated" else Path(build)
+    for outcome in rehearse(place, Path(folder), int(instance), rows, LabDriver):
+        outcomes.append(outcome)
+        print(outcome.line, flush=True)
     print(f"\n{table(outcomes)}")
-    return int(not all(outcome.as_written for outcome in outcomes))
+    return int(not all(outcome.as_wanted for outcome in outcomes))
 
 
 if __name__ == "__main__":

@@ -66,6 +66,20 @@ def test_who_is_asked_and_says_no_arms_nothing(tombo, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_px4_at_a_url_hovers_at_0_8_m_unless_another_flight_is_named(
+    tombo, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("typer.confirm", lambda text, **more: False)
+    for words, plan in (
+        ((), "0.8 m and flies hover"),
+        (("paper_collision",), "2 m and flies pap"),
+    ):
+        with speaking(1) as url:
+            result = tombo("fly", *words, "--px4", url)
+        assert f"takes off to {plan}" in result.err
+
+
 def test_without_the_mission_nothing_is_said_to_fly_and_nobody_is_asked(capsys):
     scenario = load_scenario("hover")
     with speaking(1) as url, StopSignals() as stop:

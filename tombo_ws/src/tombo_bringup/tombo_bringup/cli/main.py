@@ -29,6 +29,7 @@ _COMMANDS: Final = (
     "report_command",
     "workbench_command",
     "check_command",
+    "first_flight_command",
     "compare_command",
     "diagnose_command",
     "why_command",
@@ -95,7 +96,7 @@ def application(modules: tuple[str, ...] = _COMMANDS) -> typer.Typer:
 def _modules_of(args: Sequence[str]) -> tuple[str, ...]:
     """Return the module of the subcommand that a command line begins with, else all."""
     names = {module.rpartition(".")[2]: module for module in _COMMANDS}
-    module = names.get(f"{args[0]}_command") if args else None
+    module = names.get(f"{args[0].replace('-', '_')}_command") if args else None
     return _COMMANDS if module is None else (module,)
 
 

@@ -176,6 +176,8 @@ class Commander:
         """Mode that is flown."""
         self.failsafe = False
         self.terminated = False
+        self.killed_tick = -1
+        """When the kill switch was switched on; negative: it is off."""
         self._landed_tick = -1
         self._battery_reported = 0
         self._battery_failsafe: tuple[Mode, ...] | None = None
@@ -219,6 +221,8 @@ class Commander:
             problems.append("Mode not suitable for arming")
         if now.battery.warning >= 2:
             problems.append(_BATTERY[now.battery.warning])
+        if self.killed_tick >= 0:
+            problems.append("Kill switch engaged")
         if self.terminated:
             problems.append("Flight termination active")
         return tuple(dict.fromkeys(filter(None, problems)))
@@ -274,6 +278,15 @@ class Commander:
         self._select_mode(now)
         return Result.ACCEPTED
 
+    def kill(self, on: bool, now: CommanderInput) -> None:
+        """Take the kill switch of the remote control."""
+        if on == (self.killed_tick >= 0):
+            return
+        self.killed_tick = now.tick if on else -1
+        in_flight = on and not now.landed
+        severity = Severity.CRITICAL if in_flight else Severity.INFO
+        self._say(severity, "Kill engaged" if on else "Kill disengaged")
+
     # --- fail-safes and automatic changes
 
     def update(self, now: CommanderInput) -> None:
@@ -315,6 +328,10 @@ class Commander:
         if self.mode == TERMINATE:
             self.terminated = int(get("COM_OBL_RC_ACT")) == 6
             self.disarm(now, True, "flight termination" if self.terminated else "failsafe")
+            return
+        killed_s = (now.tick - self.killed_tick) / TICK_HZ
+        if self.killed_tick >= 0 and killed_s >= get("COM_KILL_DISARM"):
+            self.disarm(now, True, "kill-switch")
             return
         if not now.landed:
             self._landed_tick = -1

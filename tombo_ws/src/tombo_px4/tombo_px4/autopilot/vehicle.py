@@ -122,6 +122,7 @@ class Px4Vehicle:
         self._airborne_tick = -(10**9)
         self._taken_off = False
         self._force = 1.0
+        self._tested = (0, 0)
         self._meter = BatteryMeter(world.vehicle.battery_voltage, parameters)
         self.battery = BatteryCharge(world.vehicle.battery_voltage, 0.0, 1.0, 0)
 
@@ -158,6 +159,11 @@ class Px4Vehicle:
     def failsafe(self) -> bool:
         """Whether another mode is flown than was asked for."""
         return self._commander.failsafe
+
+    @property
+    def killed(self) -> bool:
+        """Whether the kill switch of the remote control is on."""
+        return self._commander.killed_tick >= 0
 
     @property
     def landed(self) -> MavLandedState:
@@ -266,6 +272,17 @@ class Px4Vehicle:
         """Disarm; in the air only by force."""
         return self._commander.disarm(self.situation, force)
 
+    def kill(self, on: bool) -> None:
+        """Take the kill switch of the remote control: while it is on, no rotor turns."""
+        self._commander.kill(on, self._situation())
+
+    def test_motor(self, rotor: int, seconds: float) -> Result:
+        """Turn one rotor of a disarmed vehicle for a while."""
+        if self.armed or not self.parameters.get("COM_MOT_TEST_EN"):
+            return Result.DENIED
+        self._tested = rotor, self.tick + round(TICK_HZ * seconds)
+        return Result.ACCEPTED
+
     def set_mode(self, mode: Mode, says: str = "") -> Result:
         """Change the flight mode; an armed vehicle that does it `says` so."""
         result = self._commander.set_mode(mode, self.situation)
@@ -306,9 +323,21 @@ class Px4Vehicle:
         if decides and self._ground.contact and self._had_time_to_lift_off(tick):
             self._controller.reduce_thrust_on_ground()
         self.ekf2_model.advance(simulator, airborne)
-        simulator.advance(self._autopilot.setpoint.rotor_speed)
+        simulator.advance(self._rotor_speeds(tick))
         if self.hand is not None:
             self.hand(simulator)
+
+    def _rotor_speeds(self, tick: int) -> Array:
+        """Return what the outputs command (4) [rad/s]."""
+        rotor, end_tick = self._tested
+        tested = not self.armed and tick < end_tick
+        if not (self.killed or tested):
+            wanted: Array = self._autopilot.setpoint.rotor_speed
+            return wanted
+        speeds = np.zeros(4)
+        if not self.killed:
+            speeds[rotor] = self._vehicle.rotor_speed_min
+        return speeds
 
     def _airborne(self, tick: int) -> bool:
         if self.takeoff_state >= TakeoffState.RAMPUP:

@@ -28,16 +28,25 @@ _TURN = ((0.55, 0.37), (0.50, 0.45), (0.70, 0.31))
 
 
 class HandMotion:
-    """Moves the vehicle from `begin_s` to `end_s`, and leaves it where and as it stood."""
+    """Moves the vehicle from `begin_s` on, or when asked, and leaves it where and as it stood."""
 
-    def __init__(self, begin_s: float, lasts_s: float = 12.0) -> None:
-        self.begin_s, self.end_s = begin_s, begin_s + lasts_s
+    def __init__(self, begin_s: float = math.inf, lasts_s: float = 12.0) -> None:
+        self.begin_s, self._lasts_s = begin_s, lasts_s
+        self.asked = False
+        """It shall move the vehicle, from the next tick on."""
         self._place: Array | None = None
         self._attitude: Array = np.array([0.0, 0.0, 0.0, 1.0])
+
+    @property
+    def end_s(self) -> float:
+        """When the vehicle stands again [s]."""
+        return self.begin_s + self._lasts_s
 
     def __call__(self, simulator: Simulator) -> None:
         """Move the vehicle of a simulator at its present tick."""
         time_s = simulator.tick * TICK_S
+        if self.asked:
+            self.asked, self.begin_s, self._place = False, time_s, None
         if not self.begin_s <= time_s <= self.end_s:
             return
         state = simulator.plant.state

@@ -39,6 +39,8 @@ _MOST_MESSAGES = 100
 """Messages of a link that one call takes; the rest waits its turn."""
 _METADATA = (395, 396, 397)
 """COMPONENT_INFORMATION, _BASIC, COMPONENT_METADATA: not there at all."""
+_SWITCH_ON_US = 1750
+"""RC_KILLSWITCH_TH 0.75, of 1000 to 2000."""
 _EVERYBODY, _NO_PROGRESS = 0, 255
 PIECE = 50
 """Bytes of text that a message carries."""
@@ -169,6 +171,7 @@ class Endpoint:
         """Number of the last text. PX4 counts from 0."""
         self.heard_systems: dict[tuple[int, int], int] = {}
         """System and component of all senders, and when the last message came [us since boot]."""
+        self._switch_on: bool | None = None
         self._commands = CommandServer(vehicle, self.origin)
         self._parameters = ParameterServer(vehicle.parameters)
         self._ids = tuple(
@@ -187,6 +190,7 @@ class Endpoint:
             "ATT_POS_MOCAP": (self._vision, False),
             "SET_POSITION_TARGET_LOCAL_NED": (self._target, True),
             "SET_ATTITUDE_TARGET": (self._target, True),
+            "RC_CHANNELS_OVERRIDE": (self._remote_control, True),
             "MISSION_REQUEST_LIST": (self._mission_count, True),
         }
 
@@ -364,6 +368,14 @@ class Endpoint:
         refusal = self.vehicle.vision(stamp_us, pose.position, pose.attitude)
         if refusal:
             self._refuse(f"{message.get_type()} refused: {refusal.replace('_', ' ')}")
+
+    def _remote_control(self, routed: RoutedMessage) -> None:
+        """Take the kill switch; like PX4, what it says first is no change."""
+        channel = int(self.vehicle.parameters.get("RC_MAP_KILL_SW"))
+        on = channel > 0 and getattr(routed.received.message, f"chan{channel}_raw") > _SWITCH_ON_US
+        if self._switch_on is not None and on != self._switch_on:
+            self.vehicle.kill(on)
+        self._switch_on = on
 
     def _target(self, routed: RoutedMessage) -> None:
         message = routed.received.message

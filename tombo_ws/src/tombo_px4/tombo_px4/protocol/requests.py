@@ -19,6 +19,7 @@ from tombo_dynamics.arrays import Array
 from tombo_px4 import modes
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint, finite_or_nan
 from tombo_px4.frames import (
+    PX4_ROTORS,
     GeoOrigin,
     enu_from_ned,
     flu_from_frd,
@@ -36,6 +37,8 @@ _GLOBAL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _NO_PLACE = 0x7FFFFFFF
 _MAIN_MODES = {mode.main for mode in modes.MODE_NAMES}
 _LARGEST_ID = 0xFFFFFF
+_LONGEST_TEST_S = 3.0
+"""PX4 turns a motor no longer."""
 
 
 class ReceivedCommand(NamedTuple):
@@ -81,6 +84,7 @@ class CommandServer:
                 modes.AUTO_RTL, "Returning to launch"
             ),
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
+            mavlink.MAV_CMD_ACTUATOR_TEST: self._test_motor,
         }
 
     def execute(self, command: ReceivedCommand) -> list[Result]:
@@ -114,6 +118,14 @@ class CommandServer:
             return Result.UNSUPPORTED_FRAME
         height = command.params[6] - self._origin.altitude_m - float(self._vehicle.home[2])
         return self._vehicle.takeoff(height)
+
+    def _test_motor(self, command: ReceivedCommand) -> Result:
+        """Turn a motor: output function 1 to 4, for the seconds of parameter 2, at most 3."""
+        motor, seconds = whole(command.params[4]), command.params[1]
+        if motor is None or not 1 <= motor <= len(PX4_ROTORS):
+            return Result.UNSUPPORTED
+        seconds = min(seconds, _LONGEST_TEST_S) if seconds > 0.0 else 0.0
+        return self._vehicle.test_motor(PX4_ROTORS[motor - 1], seconds)
 
     def _reposition(self, command: ReceivedCommand) -> Result:
         """Go to the place of parameters 5 to 7; NaN: as it is."""

@@ -129,6 +129,8 @@ def _heartbeat(view: VehicleView) -> Fields:
     state = mavlink.MAV_STATE_CRITICAL if vehicle.failsafe else mavlink.MAV_STATE_ACTIVE
     if not vehicle.armed:
         state = mavlink.MAV_STATE_UNINIT if vehicle.problems else mavlink.MAV_STATE_STANDBY
+    if vehicle.killed:
+        state = mavlink.MAV_STATE_FLIGHT_TERMINATION
     armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if vehicle.armed else 0
     return (
         mavlink.MAV_TYPE_QUADROTOR,

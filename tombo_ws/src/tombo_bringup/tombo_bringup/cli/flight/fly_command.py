@@ -16,7 +16,7 @@ from tombo_bringup.cli.flight.optional_url import (
     Px4Options,
     expand_url_option,
 )
-from tombo_bringup.cli.options import command, option, record
+from tombo_bringup.cli.options import argument, command, option, record
 from tombo_bringup.cli.result_files import Place, new_run
 from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError
@@ -46,8 +46,19 @@ _RULES = (
 )
 
 
+_SIMULATED = "paper_collision"
+_REAL, _REAL_HEIGHT = "hover", "mission.height=0.8"
+"""What a PX4 at a URL flies where nothing is named: it may be a real vehicle."""
+
+
 @record
 class _Fly:
+    scenario: str | None = argument(
+        "[SCENARIO]",
+        f"A name of `tombo list scenarios`, or a YAML file. Default: {_SIMULATED}; with --px4 URL "
+        f"{_REAL} at 0.8 m.",
+        None,
+    )
     nodes: bool = option(
         "--nodes", "Fly with the ROS 2 nodes, each a process, in real time.", False
     )
@@ -62,7 +73,7 @@ class _Fly:
 
 @command(app, lab=True, epilog=EXIT_CODES, expand=expand_url_option)
 def fly(
-    scene: options.Scene,
+    more: _Fly,
     draw: options.Draw,
     several: options.Seeds,
     variation: options.Variation,
@@ -70,7 +81,6 @@ def fly(
     px4: Px4Options,
     pace: options.Pace,
     domain: options.Domain,
-    more: _Fly,
     force: options.Force,
     place: options.Copies,
 ) -> None:
@@ -85,8 +95,9 @@ def fly(
     options.check_options(
         _RULES, draw, several, variation, px4, pace, domain, more, px4_url=px4.url
     )
-    seed, scenario = draw.seed or 0, scene.scenario
-    fixed = [*variation.changes, *_propeller(propeller)]
+    real = px4.url is not None and more.scenario is None
+    seed, scenario = draw.seed or 0, more.scenario or (_REAL if real else _SIMULATED)
+    fixed = [*([_REAL_HEIGHT] if real else []), *variation.changes, *_propeller(propeller)]
     chosen = load_scenario(scenario, fixed, variation.model, variation.vehicle)
     print_warnings(scenario_warnings(chosen))
     rest = f"{many.start}-{many.stop}" if many else str(seed)
