@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tombo_bringup.cli.flight.optional_url import SIMULATED
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import from_mapping
 from tombo_dynamics.yaml_text import parse_yaml, read_text
@@ -51,7 +50,7 @@ class Lab:
             values["settings"] = [*self.settings, *(given["settings"] or [])]
         if given.get("px4") is not None:
             values["bridge"] = [*self.bridge, *(given["bridge"] or [])]
-            if given["px4"] == SIMULATED and self.url:
+            if given["px4"] == "" and self.url:  # an explicit `--px4=sim` stays simulated
                 values["px4"] = self.url
         if "system" in given and (mocap := self.mocap) is not None:
             if given["system"] is None:

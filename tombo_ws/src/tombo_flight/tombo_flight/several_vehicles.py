@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.effects.downwash import MOST_OTHERS
+from tombo_dynamics.errors import InputError
 from tombo_flight.scenario import Scenario
 
 MOST_VEHICLES = MOST_OTHERS + 1
@@ -45,7 +46,13 @@ def vehicles_of(scenario: Scenario, count: int, seed: int) -> list[FlownVehicle]
 
 
 def _moved(mission: MissionParams, north: float) -> MissionParams:
-    """Return the same plan further along map y [m]."""
+    """Return the same plan further along map y [m].
+
+    Raises:
+        InputError: the course is a file, of one vehicle.
+    """
+    if isinstance(mission.course, str):
+        raise InputError("mission.course: a file; accepted with several vehicles: waypoints")
     course = mission.course and tuple(
         waypoint if waypoint.y is None else replace(waypoint, y=waypoint.y + north)
         for waypoint in mission.course

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from pymavlink.dialects.v20 import common as mav
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from tombo_bag.topics import MOCAP_POSE
 from tombo_benchmarks.px4.first_flight import KILL_CHANNEL, rehearse, table
 from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.messages import MessageTarget, fail_battery, override_channels
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 _FLIES_M = 0.28
@@ -24,7 +24,6 @@ _FLIES_M = 0.28
 _RC_S = 0.05
 _LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
 """us: of a channel."""
-_BATTERY_EMPTY = (float(mav.FAILURE_UNIT_SYSTEM_BATTERY), float(mav.FAILURE_TYPE_OFF))
 
 
 class LabDriver:
@@ -85,12 +84,10 @@ class LabDriver:
         """Send the channels of the remote control."""
         channels = [_MIDDLE, _MIDDLE, _LOW, *(5 * [_MIDDLE]), *(10 * [_LOW])]
         channels[KILL_CHANNEL - 1] = _HIGH if self._killed else _LOW
-        target = (self._system, 1)
-        self._remote.send(mav.MAVLink_rc_channels_override_message(*target, *channels))
+        target = MessageTarget(self._system, 1)
+        self._remote.send(override_channels(target, channels))
         if self._fault == "low battery":
-            values = (*_BATTERY_EMPTY, *(5 * [0.0]))
-            number = mav.MAV_CMD_INJECT_FAILURE
-            self._remote.send(mav.MAVLink_command_long_message(*target, number, 0, *values))
+            self._remote.send(fail_battery(target))
 
     def _spoilt(self, message: Any) -> Any:
         """Return a pose as the motion capture of a lab with a fault sends it."""

@@ -1,4 +1,4 @@
-"""What the machine checks in the steps of a first flight.
+"""Checks by the machine in the steps of a first flight.
 
 The functions that decide (`…_lack`, `…_differences`) are pure; those that take a session ask the
 vehicle, or start the command that already does it.
@@ -19,18 +19,16 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mav
-
-from tombo_bringup.first_flight.vehicle_link import VehicleLink
 from tombo_bringup.lab_file import Lab
 from tombo_control.safety.params import FlightVolume
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import ROTOR_NAMES, SPIN
 from tombo_flight.process.output_folder import make_numbered
 from tombo_flight.scenario import load_scenario
-from tombo_flight.suite.px4_connection import Px4Connection, px4_connection
+from tombo_flight.suite.px4_connection import Px4Connection, find_vehicle, link_key, px4_connection
 from tombo_px4.bridge.vehicle_parameters import parameter_file, parse_assignments
 from tombo_px4.frames import PX4_ROTORS
+from tombo_px4.link.vehicle_link import VehicleLink, is_killed
 from tombo_px4.modes import Result
 
 HOVER, KILL = "hover", "kill"
@@ -101,6 +99,16 @@ class Session:
     def px4(self) -> Px4Connection:
         """How PX4 is reached."""
         return px4_connection(self.lab.url, self.lab.bridge)
+
+    def vehicle(self) -> VehicleLink:
+        """Return a link to the vehicle, while no bridge uses it.
+
+        Raises:
+            InputError: there is no vehicle, as `find_vehicle`.
+        """
+        link = self.px4.link
+        find_vehicle(link)
+        return VehicleLink(link, link_key(link), time.time_ns)
 
     @property
     def volume(self) -> FlightVolume:
@@ -206,7 +214,7 @@ def check_parameters(session: Session) -> Outcome:
     """Compare PX4's parameters with the file of `tombo px4 --write-params`, and the lab's own."""
     px4 = session.px4
     wanted = parameters_of(parameter_file()) | parse_assignments(px4.writes)
-    with VehicleLink(px4.link) as link:
+    with session.vehicle() as link:
         values = link.parameters(list(wanted))
     return Outcome(parameter_differences(values, wanted), f"{len(wanted)} are as in the file")
 
@@ -229,7 +237,7 @@ def parameter_differences(values: Mapping[str, float], wanted: Mapping[str, floa
 
 def check_battery(session: Session) -> Outcome:
     """Read charge and limits of the battery."""
-    with VehicleLink(session.px4.link) as link:
+    with session.vehicle() as link:
         status = link.wait("SYS_STATUS", 5.0)
         limits = link.parameters(_BATTERY_LIMITS)
     remaining = -1 if status is None else status.battery_remaining
@@ -261,7 +269,7 @@ def battery_lack(charge: float, limits: Mapping[str, float]) -> str:
 
 def check_kill_switch(session: Session) -> Outcome:
     """See PX4 report that the kill switch was switched on, then off."""
-    with VehicleLink(session.px4.link) as link:
+    with session.vehicle() as link:
         mapped = link.parameters(["RC_MAP_KILL_SW"]).get("RC_MAP_KILL_SW", 0.0)
         if mapped == 0.0:
             return Outcome("RC_MAP_KILL_SW is 0: PX4 knows no kill switch")
@@ -274,11 +282,6 @@ def check_kill_switch(session: Session) -> Outcome:
     return Outcome("", "switched on and off")
 
 
-def is_killed(heartbeat: Any) -> bool:
-    """Return whether a HEARTBEAT says that the outputs are switched off."""
-    return bool(heartbeat.system_status == mav.MAV_STATE_FLIGHT_TERMINATION)
-
-
 def is_alive(heartbeat: Any) -> bool:
     """Return whether it says that they are not."""
     return not is_killed(heartbeat)
@@ -286,7 +289,7 @@ def is_alive(heartbeat: Any) -> bool:
 
 def check_geofence(session: Session) -> Outcome:
     """Compare PX4's geofence with the volume of the lab."""
-    with VehicleLink(session.px4.link) as link:
+    with session.vehicle() as link:
         fence = link.parameters(_FENCE)
     return Outcome(fence_lack(fence, session.volume), "PX4's fence is around the volume", fence)
 
@@ -311,9 +314,8 @@ def check_rotors(session: Session) -> Outcome:
     """Turn one motor after the other, and compare what the person has seen."""
     answers = []
     for motor in range(1, len(PX4_ROTORS) + 1):
-        with VehicleLink(session.px4.link) as link:
-            test = (_TURNS_AT, _TURNS_S, 0.0, 0.0, float(motor))
-            result = link.command(mav.MAV_CMD_ACTUATOR_TEST, *test)
+        with session.vehicle() as link:
+            result = link.test_motor(motor, _TURNS_AT, _TURNS_S)
         if result != Result.ACCEPTED:
             return Outcome(f"PX4 does not turn motor {motor}: {result and result.name}")
         names = ", ".join(ROTOR_NAMES)

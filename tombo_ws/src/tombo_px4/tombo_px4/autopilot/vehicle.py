@@ -274,7 +274,7 @@ class Px4Vehicle:
 
     def kill(self, on: bool) -> None:
         """Take the kill switch of the remote control: while it is on, no rotor turns."""
-        self._commander.kill(on, self._situation())
+        self._commander.kill(on, self.situation)
 
     def test_motor(self, rotor: int, seconds: float) -> Result:
         """Turn one rotor of a disarmed vehicle for a while."""

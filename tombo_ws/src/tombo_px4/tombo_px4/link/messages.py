@@ -165,6 +165,23 @@ def float_of_int(value: int) -> float:
     return number
 
 
+def int_of_float(value: float) -> int:
+    """Return the int32 that has the bytes of a float."""
+    number: int = struct.unpack("<i", struct.pack("<f", value))[0]
+    return number
+
+
+def override_channels(to: MessageTarget, channels: Sequence[int]) -> Any:
+    """Set the channels of the remote control: 18 pulse widths [us]."""
+    return mav.MAVLink_rc_channels_override_message(*to, *channels)
+
+
+def fail_battery(to: MessageTarget) -> Any:
+    """Ask a simulated vehicle to let its battery run empty."""
+    unit, kind = mav.FAILURE_UNIT_SYSTEM_BATTERY, mav.FAILURE_TYPE_OFF
+    return command(to, mav.MAV_CMD_INJECT_FAILURE, float(unit), float(kind))
+
+
 class RefusedMessage(ValueError):
     """A message that can't be used; the text is the reason that is counted."""
 

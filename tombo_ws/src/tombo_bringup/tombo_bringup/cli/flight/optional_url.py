@@ -49,7 +49,7 @@ class Px4Options:
     @property
     def url(self) -> str | None:
         """The URL that is given; None: PX4 is simulated, or does not fly."""
-        return None if self.px4 == SIMULATED else self.px4
+        return None if self.px4 == SIMULATED else self.px4 or None
 
     def connection(self) -> Px4Connection | None:
         """Return the connection; None without PX4.
@@ -63,7 +63,7 @@ class Px4Options:
 
 
 def expand_url_option(words: list[str]) -> list[str]:
-    """Return the arguments with a value for the option.
+    """Return the arguments with a value for the option: "" for the lab's URL, or a simulated PX4.
 
     The word behind it is its value if it looks like a URL (`SCHEME://...`), a device or nothing
     at all; any other is not.
@@ -76,6 +76,6 @@ def expand_url_option(words: list[str]) -> list[str]:
             return [*found, word, *rest]
         if word == OPTION:
             given = rest and _URL.match(rest[0])
-            word = f"{OPTION}={rest.pop(0) if given else SIMULATED}"
+            word = f"{OPTION}={rest.pop(0) if given else ''}"
         found.append(word)
     return found

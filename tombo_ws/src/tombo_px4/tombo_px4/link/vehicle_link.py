@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -10,14 +9,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
 
-from tombo_flight.suite.px4_connection import PATIENCE_S, find_vehicle, link_key
 from tombo_px4.bridge.bridge_params import LinkParams
 from tombo_px4.link import messages
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.messages import MessageTarget
+from tombo_px4.link.messages import MessageTarget, int_of_float
 from tombo_px4.modes import Result
 
 _LOOK_S = 0.1
+_PATIENCE_S = 10.0
 _HEARTBEAT_S = 0.5
 _ANSWER_S = 0.5
 _TRIES = 4
@@ -26,30 +25,31 @@ _TRIES = 4
 class VehicleLink:
     """A link to the vehicle that a bridge with these parameters flies; use as a context manager.
 
-    Raises:
-        InputError: there is no vehicle, as `find_vehicle`.
+    Args:
+        params: of the link.
+        key: to sign with (32 bytes), or None.
+        clock: the time [ns]; `wait` measures its patience by `time.monotonic`.
     """
 
-    def __init__(self, params: LinkParams) -> None:
-        self._params = params
+    def __init__(self, params: LinkParams, key: bytes | None, clock: Callable[[], int]) -> None:
+        self._params, self._key, self._clock = params, key, clock
         self._target = MessageTarget(params.system, params.component)
         self._spoken_s = -_HEARTBEAT_S
 
     def __enter__(self) -> VehicleLink:
-        """Wait for the vehicle, then open the link."""
+        """Open the link, and wait for the vehicle."""
         params = self._params
-        find_vehicle(params)
         self._link = Link(
             params.url,
             system=params.own_system,
             component=params.own_component,
-            clock=time.time_ns,
+            clock=self._clock,
             accept_system=params.system,
             accept_component=params.component,
-            key=link_key(params),
+            key=self._key,
             allow_remote=params.allow_remote,
         )
-        self.wait("HEARTBEAT", PATIENCE_S)  # a listener knows its peer then
+        self.wait("HEARTBEAT", _PATIENCE_S)  # a listener knows its peer then
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -83,6 +83,10 @@ class VehicleLink:
                     break
         return values
 
+    def test_motor(self, motor: int, throttle: float, seconds: float) -> Result | None:
+        """Turn a motor, from 1 on, of a disarmed vehicle; throttle 0 to 1."""
+        return self.command(mav.MAV_CMD_ACTUATOR_TEST, throttle, seconds, 0.0, 0.0, float(motor))
+
     def command(self, number: int, *values: float) -> Result | None:
         """Return PX4's answer to a command; None: it did not answer."""
         self._link.send(messages.command(self._target, number, *values))
@@ -98,5 +102,9 @@ def _value(message: Any) -> float:
     """Return the value of PARAM_VALUE: PX4 sends a whole number by its bytes."""
     if message.param_type != mav.MAV_PARAM_TYPE_INT32:
         return float(message.param_value)
-    whole: int = struct.unpack("<i", struct.pack("<f", message.param_value))[0]
-    return float(whole)
+    return float(int_of_float(message.param_value))
+
+
+def is_killed(heartbeat: Any) -> bool:
+    """Return whether a HEARTBEAT reports that the outputs are switched off."""
+    return bool(heartbeat.system_status == mav.MAV_STATE_FLIGHT_TERMINATION)
