@@ -1,8 +1,7 @@
 """Which tests run when, by their markers. See `make check` and `make test`.
 
-- `real_time`: it promises something in real time. It runs alone, last. Where what it asserts
-  `in_time` fails, or what it waits for does not come, and a loop beside it that does nothing was
-  late, too, the machine was taken away: it is skipped.
+- `real_time`: it promises something in real time. It runs alone, last. A test fails `in_time`, or
+waits in vain, while an empty loop was late, too. The machine was busy: it is skipped.
 - `nodes`: it starts nodes, each test in a ROS domain of its own. `make check` leaves it out.
 - `slow`: it takes more than a quarter of a second of a quiet core. `make check` leaves it out.
 """
@@ -61,7 +60,7 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Collect garbage again, of what the tests make."""
+    """Collect garbage again, of objects that the tests make."""
     gc.freeze()
     gc.enable()
 
@@ -102,7 +101,7 @@ LOOP = pytest.StashKey[EmptyLoop]()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Let the empty loop run beside a test in real time."""
+    """Let the empty loop run during a test in real time."""
     if item.get_closest_marker("real_time"):
         loop = item.config.stash.get(LOOP, None) or EmptyLoop()
         item.config.stash[LOOP] = item.stash[LOOP] = loop

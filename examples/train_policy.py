@@ -4,8 +4,9 @@
     tombo sweep collisions reaction.name=bounce,reflex,policy:policy.json --seeds 5000:5030
 
 Minutes on one core. Each generation flies policies drawn about the mean of the last one's best,
-all from the same collisions. The first mean is no action: what reaction `reflex` does. A policy
-must learn to end at x_r, where only no action leaves it at rest: so the first spread is small.
+all from the same collisions. The first mean is the zero action: what reaction `reflex` does. A
+policy must learn to end at x_r, where only no action leaves it at rest: so the first spread is
+small.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ _REST = np.array([0.0, 0.0, GRAVITY])
 
 
 def reported(core: Core, topic: str, message: Any, now_ns: int) -> list[str]:
-    """Hand a message to a core; return the keys of what it reports about it."""
+    """Hand a message to a core; return the keys of its reports."""
     core.health.take_events()
     core.on(topic, message, now_ns)
     return [key for key, _ in core.health.take_events()]
@@ -174,7 +174,7 @@ class CollisionDetector:
         self.set_params(params)
 
     def set_params(self, params: DetectorParams) -> None:
-        """Go on with other parameters; what was seen so far stays."""
+        """Go on with other parameters; earlier samples stay."""
         self._params = parameter_record(params)
         set_triggers(self.memory, params)
 

@@ -1,6 +1,6 @@
 """A loop that does nothing, every millisecond, in a process of its own: is the machine ours?
 
-Where it is late, the machine was taken away, and no real-time promise could be kept.
+Where it is late, the machine was busy, and no loop could keep real time.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Promises in time, as tests make them: the only ones that a busy machine may break.
 
-What is asserted elsewhere holds on any machine; conditions are waited for, with patience.
+Assertions outside of it hold on any machine; conditions are waited for, with patience.
 """
 
 from __future__ import annotations

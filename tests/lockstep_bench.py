@@ -1,6 +1,6 @@
 """Simulator, observer and flight controller in one process, a tick at a time, as the nodes run.
 
-What the wire does to messages between them (loss, delay) is switched on by attributes.
+Attributes switch on faults of the wire between them (loss, delay).
 """
 
 from __future__ import annotations

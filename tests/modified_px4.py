@@ -1,4 +1,4 @@
-"""The simulated PX4 for tests of the bridge: what it hears and sends passes through here.
+"""The simulated PX4 for tests of the bridge: its messages in both directions pass through here.
 
 A test drops or alters messages, and refuses commands; all the rest is the endpoint's own.
 """
@@ -36,7 +36,7 @@ class ModifiedPx4:
         self.shows = None
         """A mode that its heartbeats show in place of its own."""
         self.refuses = {}
-        """Command -> result, of those that are not carried out."""
+        """Command -> result, of commands that are not carried out."""
         self.failing = []
         """Checks that it reports as failed, in place of its own."""
         self.received, self.targets, self.stamps = [], [], []
@@ -71,7 +71,7 @@ class ModifiedPx4:
     # --- the endpoint's link
 
     def receive(self, limit=100):
-        """Return what has come and is heard."""
+        """Return the received messages that pass."""
         if self.link is not None:
             for received in self.link.receive(limit):
                 self.take(received.message, received.arrival_ns)

@@ -57,7 +57,7 @@ class CameraPose:
 
 @dataclass(frozen=True)
 class FlapAngle:
-    """What a disc's radius says about the flap angle [rad]."""
+    """Flap angle [rad] from a disc's radius."""
 
     best: float
     """The most likely angle; no result by itself unless `resolved`."""
@@ -67,7 +67,7 @@ class FlapAngle:
     pieces: tuple[tuple[float, float], ...]
     """The interval without what is excluded in between: two angles can look the same."""
     misfit: float
-    """Standard deviations between the radius and what the nearest angle gives."""
+    """Standard deviations between the radius and that of the nearest angle."""
 
     @property
     def resolved(self) -> bool:
@@ -80,7 +80,7 @@ class FlapAngle:
         return self.misfit > _STRANGE
 
     def as_text(self) -> str:
-        """Say it with its interval; an angle that the diameter does not resolve is no number."""
+        """Say it with its interval; an angle that the diameter does not resolve is NaN."""
         if self.inconsistent:
             return "no angle: the disc is larger than any flap makes it"
         if len(self.pieces) > 1:

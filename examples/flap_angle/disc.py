@@ -1,7 +1,7 @@
 """The paper's measurement: frames combined, so that the blades fill a disc; its hull; its circle.
 
-It finds the disc to a pixel or two. How far it is from the truth depends on speed and exposure, as
-a tip covers a point of the rim for a small share of the time only.
+It finds the disc to a pixel or two. Its error depends on speed and exposure, because a tip covers
+a point of the rim for a small share of the time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Frames = NDArray[np.uint8]
 """(frames, height, width), grey."""
 
 _LEAST_SWING = 8.0
-"""Grey levels by which a blade must differ from what is behind it."""
+"""Grey levels by which a blade must differ from the background."""
 _QUIET = 3.0
 """Swing of a moving thing in swings of what stands still."""
 _SECOND = 0.2
@@ -82,7 +82,7 @@ def find_disc(frames: Frames) -> Disc:
     if strong < max(_LEAST_SWING, 2.0 * floor):
         raise ValueError(
             f"nothing moves by more than {strong:.0f} grey levels (noise {still:.1f}); accepted: "
-            "frames with a spinning propeller that stands out from what is behind it"
+            "frames with a spinning propeller that contrasts with the background"
         )
     moving: Any = (swing > floor).astype(np.uint8)
     size = max(3, round(0.01 * min(swing.shape)) | 1)
@@ -113,7 +113,7 @@ def find_disc(frames: Frames) -> Disc:
 
 
 def circle_of(hull: Array) -> Disc:
-    """Fit a circle to the corners of a hull, in order, ignoring those that miss it (RANSAC).
+    """Fit a circle to the corners of a hull, in order, without outliers (RANSAC).
 
     Raises:
         ValueError: too few corners lie on one circle.

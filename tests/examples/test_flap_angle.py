@@ -1,4 +1,4 @@
-"""The flap angle of rendered films: with OpenCV, which is no package of the suite."""
+"""The flap angle of rendered films: with OpenCV, which the suite does not install."""
 
 import math
 

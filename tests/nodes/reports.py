@@ -1,4 +1,4 @@
-"""What has been heard, or is to come: on any topic, and of a node's faults on /diagnostics."""
+"""Conditions on reports: on any topic, and of a node's faults on /diagnostics."""
 
 
 def heard(world, spec, condition=lambda message: True, since=0, meanwhile=None):

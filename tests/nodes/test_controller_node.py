@@ -61,7 +61,7 @@ class _Inputs:
                 world.publish(SETPOINT, self.setpoint(stamp, **more))
         world.tick(_MS)
         if stamp % (4 * _MS) == 0:
-            time.sleep(0.003)  # what is due with the gyro sample shall be there before it
+            time.sleep(0.003)  # messages due with the gyro sample shall arrive before it
         imu = Imu()
         imu.header.stamp, imu.header.frame_id = to_time(stamp), "base_link"
         imu.angular_velocity.x = 0.3 * float(np.sin(20e-9 * stamp))
@@ -182,7 +182,7 @@ def test_each_gyro_sample_is_answered_as_the_pure_controller_does(world, start):
         assert len(world.heard[RATES_SETPOINT.name]) == pytest.approx(100, abs=6)
         assert len(world.heard[ATTITUDE_SETPOINT.name]) == pytest.approx(20, abs=2)
 
-    # a set point that is no number: the last stands; gains beyond their bounds: refused
+    # a set point of NaN: the last stands; gains beyond their bounds: refused
     begun = len(world.heard[DIAGNOSTICS.name])
     for _ in range(60):
         stamp = inputs.tick(x=float("nan"))

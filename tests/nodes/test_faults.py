@@ -187,7 +187,7 @@ class Suite(SimpleNamespace):
         return self.world.heard[TRUE_ODOMETRY.name][-1]
 
     def reports(self) -> str:
-        """Return what the nodes have reported since the last `settle`, and the mission's phase."""
+        """Return the reports of the nodes since the last `settle`, and the mission's phase."""
         self.world.hear()
         lines = []
         for message in self.world.heard[DIAGNOSTICS.name][self.mark :]:
@@ -315,7 +315,7 @@ def suite(hangar: Hangar, request: pytest.FixtureRequest) -> Iterator[Suite]:
     flying.spoiler.pose, flying.spoiler.doubled = None, False
     yield flying
     if failed(request.node):
-        sys.stdout.write(flying.reports())  # pytest shows it beside the failure
+        sys.stdout.write(flying.reports())  # pytest shows it with the failure
         with contextlib.suppress(Exception):  # the failure is told; this one is its echo
             hangar.close()
 

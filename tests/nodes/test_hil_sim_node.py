@@ -1,4 +1,4 @@
-"""The simulator link as a node, driven by a PX4 stand-in: what the lab sees of it."""
+"""The simulator link as a node, driven by a PX4 stand-in: the lab's view of it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def px4(port: int) -> Iterator[None]:
 
 
 def heights(world, seconds: float) -> list[float]:
-    """True heights of so much time."""
+    """True heights of a span of time."""
     begun = len(world.heard[TRUE_ODOMETRY.name])
     end = time.monotonic() + seconds
     while time.monotonic() < end:

@@ -65,7 +65,7 @@ def address_of(live, log):
 
 
 class Client:
-    """What is asked by who has an address, and says where it comes from."""
+    """Requests of clients, with and without an origin."""
 
     def __init__(self, url, origin):
         self._url, self._origin = url.replace("http", "ws").replace("/?", "/stream?"), origin
@@ -119,7 +119,7 @@ def page_of():
 
 
 class Watch:
-    """What the vehicle does, heard beside the page."""
+    """The vehicle's state, received without the page."""
 
     def __init__(self, world):
         self.world = world
@@ -143,7 +143,7 @@ class Watch:
                     raise
 
     def positions(self, seconds):
-        """Return those of so much time of the flight (n, 3)."""
+        """Return the poses of a span of the flight (n, 3)."""
         self.world.hear()
         first, since = None, len(self.world.heard[TRUE_ODOMETRY.name])
 

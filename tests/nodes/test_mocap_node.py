@@ -73,7 +73,7 @@ def test_frames_of_optitrack_become_poses(world, start, motive):
     assert pose.pose.orientation.w == pytest.approx(1.0)
     assert abs(time.time_ns() - to_ns(pose.header.stamp)) < 5e9
 
-    # no camera sees the vehicle: nothing is published, and the fault names those that are seen
+    # no camera sees the vehicle: no pose is published, and the fault names the visible bodies
     world.wait_for_fault(
         "mocap", "body_lost", "'tombo' is not seen; seen: wand",
         meanwhile=lambda: motive.send({"wand": (9.0, 9.0, 9.0, *_TURNED)}, lost=["tombo"]),

@@ -110,7 +110,7 @@ def test_paused_it_goes_on_by_the_ticks_it_is_told(world, start):
     sent = 0
 
     def commanded() -> None:
-        """Wait until the node tells of one more command."""
+        """Wait until the node reports another command."""
         nonlocal sent
         sent += 1
 

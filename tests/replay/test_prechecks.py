@@ -1,4 +1,4 @@
-"""Frames, clocks, axes: what is wrong with a recording's poses is said in one line each."""
+"""Frames, clocks, axes: a line for each mistake of a recording's poses."""
 
 from dataclasses import replace
 

@@ -19,11 +19,11 @@ SRC = ROOT / "tombo_ws" / "src"
 PACKAGES = sorted(path.parent for path in SRC.glob("*/package.xml"))
 PYTHON_PACKAGES = [package for package in PACKAGES if (package / "setup.py").exists()]
 SHARE = ("config", "foxglove", "launch", "rviz")
-"""Folders beside the code that are installed under share/."""
+"""Folders without code that are installed under share/."""
 IGNORED = {"__pycache__", ".pyc", ".nbi", ".nbc"}
 
 # Import name -> rosdep key, where the key is not the import name itself. rosdep has none for mcap,
-# lz4 and zstandard: mcap-ros2-support, which needs them, brings them. All stand in
+# lz4 and zstandard: mcap-ros2-support, which needs them, brings them. All are in
 # rosdep/python.yaml of github.com/ros/rosdistro.
 ROSDEP_KEY = {
     "PIL": "python3-pil",

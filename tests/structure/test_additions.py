@@ -33,7 +33,7 @@ class Edit(NamedTuple):
 
 
 class Addition(NamedTuple):
-    """What is added, and how it is used: an expression with its value."""
+    """Additions and their use: an expression with its value."""
 
     edits: tuple[Edit, ...]
     use: str
@@ -205,7 +205,7 @@ print(json.dumps(found))
 
 
 def covered(path: str, new: bool, row: str) -> bool:
-    """Return whether a row names a file, or for a new file its folder or a file beside it."""
+    """Return whether a row names a file; for a new file, its folder or another file there."""
     for name in re.findall(r"`([^`]+)`", row):
         if fnmatch(path, f"*{name}"):
             return True

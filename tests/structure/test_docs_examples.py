@@ -36,7 +36,7 @@ def blocks(name: str, language: str, text: str | None = None) -> list[str]:
 
 
 def pages(language: str) -> list[str]:
-    """Return the pages with blocks that are no files to be saved."""
+    """Return the pages with blocks that are not saved as files."""
     return [name for name, text in TEXTS.items() if blocks(name, language, SAVED.sub("", text))]
 
 

@@ -24,7 +24,7 @@ GLOSSARY = [
 ]
 GENERATED = re.compile(r"<!-- (\w+) -->.*?<!-- /\1 -->|\A<!-- Written by.*", re.S)
 WORDS_ON_A_PAGE = 2_500
-"""With a letter or a digit; what a command writes is there to be looked up: not counted."""
+"""With a letter or a digit; the pages list the output of commands: not counted."""
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_no_page_is_longer_than_a_reader_reads(page):
 
 
 def test_the_glossary_is_short_and_lists_a_term_once():
-    assert 0 < len(GLOSSARY) <= 120  # what a reader needs; the rest stands in docstrings
+    assert 0 < len(GLOSSARY) <= 120  # names that a reader needs; the rest is in docstrings
     assert {len(row) for row in GLOSSARY} == {4}
     assert len({row[0] for row in GLOSSARY}) == len(GLOSSARY)
 

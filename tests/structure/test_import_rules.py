@@ -1,4 +1,4 @@
-"""Who may import whom: the rules that keep the maths pure and the graph of packages a tree.
+"""Permitted imports: the rules that keep the maths pure and the graph of packages a tree.
 
 - A pure file reaches no ROS: `rclpy`, generated messages and `tombo_ros` belong to `*_node.py`
   files and to the package tombo_ros. `pymavlink` belongs to tombo_px4, compiled
@@ -64,7 +64,7 @@ NED_FRD = {("tombo_px4",), ("tombo_logs", "readers", "ulog.py")}
 """Where names of PX4's frames may be: everywhere else the world is ENU and the body FLU."""
 CLOCKLESS = {*LIBRARIES, "tombo_px4"}
 SHELLS = {("tombo_diagnosis", "report")}
-"""Folders of pure packages that are no maths: they start processes, draw and write files."""
+"""Folders of pure packages without maths: they start processes, draw and write files."""
 DYNAMIC = {"import_module", "__import__"}
 JIT = "tombo_dynamics.jit.compiled"
 ROS = re.compile(r"rclpy|tombo_ros|\w+_msgs|\w+_interfaces|rosidl_\w+|rosgraph_\w+")
@@ -200,7 +200,7 @@ def imports_of_files() -> dict[str, set[str]]:
 
 
 def loops(imports: dict[str, set[str]]) -> list[str]:
-    """What is left when all that imports nothing else, or is imported by nothing else, is gone."""
+    """The modules of import cycles: the rest after removing all leaves and roots."""
     left = set(imports)
     while left:
         used = {other for name in left for other in imports[name]}

@@ -1,7 +1,7 @@
 """No code reads the text of a message or a finding to decide: it has fields for that.
 
 Found are comparisons of prose: a text with a space in it, looked for in another one, or any look
-into the text of an error. What is read from outside, as PX4's status texts, is no text of ours.
+into the text of an error. Texts from outside, as PX4's status texts, are exempt.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 SRC = Path(__file__).parents[2] / "tombo_ws" / "src"
 FROM_OUTSIDE = {
-    # a benchmark that asks whether the person is told the mistake
+    # a benchmark that asks whether the message names the mistake
     "tombo_benchmarks/px4/wrong_axes.py",
     # play the person who reads a page and a terminal
     "tombo_benchmarks/px4/driver_node.py",

@@ -74,7 +74,7 @@ def test_a_policy_flies_the_same_as_reaction_to_the_last_bit(tmp_path, scenario,
     for _, _, tick, position in steps:
         assert (log["position"][tick] == position).all()
     again = tombo.fly(scenario, 4, reaction="reflex", **over).record.log["position"]
-    assert np.abs(again[steps[-1][2]] - steps[-1][3]).max() > 1e-3  # what the policy does counts
+    assert np.abs(again[steps[-1][2]] - steps[-1][3]).max() > 1e-3  # the policy's action counts
 
 
 @pytest.mark.slow

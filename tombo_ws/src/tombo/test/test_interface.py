@@ -1,4 +1,4 @@
-"""What is public is documented, typed and light to import; sweeps, logs and propellers."""
+"""Public names are documented, typed and quick to import; sweeps, logs and propellers."""
 
 from __future__ import annotations
 

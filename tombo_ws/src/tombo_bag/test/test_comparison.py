@@ -1,4 +1,4 @@
-"""Two recordings compared: what is equal, what differs, and by how much."""
+"""Two recordings compared: equal topics, different topics, and sizes of differences."""
 
 from __future__ import annotations
 

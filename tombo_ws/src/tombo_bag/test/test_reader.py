@@ -149,7 +149,7 @@ def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
 
 
 def test_zeros_at_the_end_are_noticed(tmp_path):
-    """What a power failure leaves."""
+    """Files after a power failure."""
     content, _ = write_sample(tmp_path / "whole.mcap")
     chunk = summary_of(tmp_path / "whole.mcap").chunk_indexes[3]
     path = tmp_path / "zeros.mcap"

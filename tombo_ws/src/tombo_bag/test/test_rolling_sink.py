@@ -187,7 +187,7 @@ def decoded(path):
 
 
 class SmallDisk(FileIO):
-    """Room for so many bytes in all files together; what does not fit is cut off."""
+    """Room in bytes for all files together; what does not fit is cut off."""
 
     room = 0
     files = ()

@@ -15,7 +15,7 @@ from tombo_bringup.cli.main import run
 
 @dataclass(frozen=True)
 class Result:
-    """What a command left on the terminal."""
+    """Output of a command on the terminal."""
 
     code: int
     out: str
@@ -33,7 +33,7 @@ class Result:
 
 Command = Callable[..., Result]
 COMPILING = "tombo: compiling numerical code"
-"""Said once by a process whose cache is cold: no part of what a command says."""
+"""Said once by a process whose cache is cold: not part of a command's output."""
 
 
 @pytest.fixture

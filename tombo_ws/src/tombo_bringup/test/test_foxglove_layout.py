@@ -92,7 +92,7 @@ def element(descriptor: Any) -> tuple[str, bool]:
 
 
 def value_type(path: str) -> str:
-    """Type of what a message path leads to; fails where it leads nowhere."""
+    """Type of the field at a message path; fails where it leads nowhere."""
     topic = re.match(r"[\w/]+", path)
     assert topic, path
     spec = TOPICS[topic[0]]

@@ -1,4 +1,4 @@
-"""`tombo hil`: what it prints, refuses, and how it ends."""
+"""`tombo hil`: its output, refused input, and its end."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Started:
         raise AssertionError(f"'{until}' never came: {self.lines}")
 
     def stop(self, process: subprocess.Popen[str]) -> tuple[int, str]:
-        """Ctrl-C: its exit code, and what it said on stderr; `lines` are complete then."""
+        """Ctrl-C: its exit code, and its stderr; `lines` are complete then."""
         process.send_signal(signal.SIGINT)
         assert process.stdout is not None
         assert process.stderr is not None
@@ -108,7 +108,7 @@ def test_a_busy_port_is_one_line_and_2(refused):
 
 @pytest.fixture
 def introduction(tombo) -> Callable[..., str]:
-    """What the command prints before PX4 connects."""
+    """Output of the command before PX4 connects."""
 
     def told(*options: str) -> str:
         result = tombo("hil", "--port", "0", "--duration", "0.05", *options)
@@ -149,7 +149,7 @@ def test_the_compose_services_have_the_printed_parameters(introduction):
     vehicle, mocap = settings(text)
     assert px4["environment"] == vehicle | mocap
     assert px4["image"] in text
-    assert px4["command"] == ["-d"]  # its shell takes a core when there is no terminal
+    assert px4["command"] == ["-d"]  # its shell takes a core without a terminal
 
 
 def test_it_prints_what_px4_needs_to_fly_by_motion_capture_alone(introduction):

@@ -18,7 +18,7 @@ def test_the_sign_of_the_quaternion_does_not_matter():
 
 @pytest.mark.parametrize(("missing", "restarts"), [(0.2, False), (0.4, True)])
 def test_a_long_gap_starts_the_filter_again(missing, restarts):
-    """Whatever happened in the gap is no collision: after it the filter settles first."""
+    """Motion within a gap is not a collision: after it the filter settles first."""
     quiet = flight(8.0, (0.7, 0.0, 0.0))
     moved = quiet.pushed(4.0, (3.0, 0.0, 0.0)).pushed(4.0 + missing, (-3.0, 0.0, 0.0))
     with_gap = moved.without((quiet.t <= 4.0) | (quiet.t > 4.0 + missing))

@@ -1,4 +1,4 @@
-"""The innovation trigger: what it takes for normal, what it finds, and where it puts it."""
+"""The innovation trigger: normal flight, detections, and their place."""
 
 import math
 from dataclasses import replace
@@ -141,6 +141,6 @@ def test_one_event_for_one_strike_and_another_for_the_next():
     assert [e.count for e in watch(soon)[0]] == [1]
     events, _ = watch(later)
     assert [e.count for e in events] == [1, 2]
-    # the second one tells the flight between the two
+    # the second event carries the flight between the two
     assert events[1].flight_direction @ [-1.0, 0.0, 0.0] > math.cos(0.05)
     assert events[1].x_c[0] == pytest.approx(-1.5 * P.holdoff, abs=0.05)

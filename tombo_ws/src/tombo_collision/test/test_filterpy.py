@@ -46,7 +46,7 @@ def test_compiled_filter_agrees_with_filterpy(rate, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["none", "gap", "jump", "clock", "strike", "refused"])
 def test_filterpy_follows_the_detector_through_faults(fault):
-    """Where the detector's filter begins again, and what it refuses: filterpy's alike."""
+    """Restarts of the detector's filter, and refused poses: filterpy's alike."""
     params = DetectorParams()
     poses = flight(4.0, velocity=(0.7, 0.1, -0.1), seed=3, rate=30.0)
     if fault == "strike":

@@ -47,7 +47,7 @@ def collision(x_c=X_C, direction=(1.0, 0.0, 0.0)):
 
 
 class Bench:
-    """Runs the core at 250 Hz with the inputs that are switched on, and keeps what it says."""
+    """Runs the core at 250 Hz with the inputs that are switched on, and keeps its messages."""
 
     def __init__(self, phase=APPROACH, place=HERE):
         self.now = START
@@ -76,7 +76,7 @@ class Bench:
         self.core.set_multiple_publishers("/mission/setpoint", several)
 
     def run(self, seconds):
-        """Return what is said in that time."""
+        """Return the messages of that time."""
         before = len(self.published)
         for _ in range(round(seconds * 250)):
             self.now += 4 * MS

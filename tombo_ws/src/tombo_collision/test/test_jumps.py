@@ -1,4 +1,4 @@
-"""Markers mixed up: a pose where no strike could have put the vehicle is no collision."""
+"""Markers mixed up: a pose that no strike can explain is not a collision."""
 
 import math
 
@@ -133,7 +133,7 @@ def test_places_at_random_raise_no_alarm_and_it_recovers():
 def test_what_a_strike_can_do_is_no_jump(way, speed, rate):
     """It takes away the speed there was, and gives up to 3 m/s."""
     push = np.array([-speed, 0.0, 0.0]) + 2.9 * way
-    assume(np.linalg.norm(push) > 0.8)  # the two may cancel, and that is no strike
+    assume(np.linalg.norm(push) > 0.8)  # the two may cancel, which is not a strike
     poses = flight(velocity=(speed, 0.0, 0.0), rate=rate).pushed(4.0, push)
     reasons, events = refusals(poses)
     assert not any(reasons)

@@ -1,4 +1,4 @@
-"""The reaction of a trained policy: what it sees, what its action does, what its file may be."""
+"""The reaction of a trained policy: its observation, the effect of its action, its file."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def refused(captured_ms: int, received_ms: int, *, sim_time: bool = False) -> str:
-    """What a detector says to a pose, captured and received so long before its loop looks."""
+    """A detector's answer to a pose, by the ages of its capture and its arrival."""
     core = DetectorCore(DetectorParams())
     runner = CoreRunner(core)
     node = SimpleNamespace(runner=runner, sim_time=sim_time, present_ns=lambda: NOW)

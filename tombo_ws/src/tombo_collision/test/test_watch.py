@@ -1,4 +1,4 @@
-"""The watch: what a motion capture may deliver, and the stamps of what is found."""
+"""The watch: samples that a motion capture may deliver, and the stamps of events."""
 
 import math
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ def stamps(poses=STRUCK, epoch=EPOCH):
 
 @dataclass
 class Result:
-    """What the core made of a pose."""
+    """The core's answer to a pose."""
 
     event: CollisionEvent | None
     statistic: float
@@ -55,7 +55,7 @@ def counts(core):
 
 
 def feed(core, poses=STRUCK, epoch=EPOCH, begin=0, end=None):
-    """Feed poses begin:end; return what was seen."""
+    """Feed poses begin:end; return the answers."""
     rows = list(zip(stamps(poses, epoch), poses.position, poses.attitude, strict=True))
     return [hand_over(core, ns, ns + LATENCY, "map", p, q) for ns, p, q in rows[begin:end]]
 

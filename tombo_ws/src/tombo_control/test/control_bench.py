@@ -1,4 +1,4 @@
-"""What the control tests fly: the nominal vehicle with Conf. 13, plant and cascade."""
+"""Flights of the control tests: the nominal vehicle with Conf. 13, plant and cascade."""
 
 from __future__ import annotations
 

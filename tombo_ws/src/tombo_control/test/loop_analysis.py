@@ -1,9 +1,9 @@
 """Linear analysis of the cascade in hover: crossover and margins of each loop.
 
 Each open loop is written as a product of frequency responses on the unit circle z = exp(i w T) of
-the 1 ms tick: what the code does in a tick is exact (integrators, derivative filter, holds, motor
-lag, the one tick from command to drive); only the aliases of the slower loops are left out, which
-their own holds make small. A loop sees the closed loop inside it, not a model of that.
+the 1 ms tick: the code's tick is exact (integrators, derivative filter, holds, motor lag, a tick
+of transport); only the aliases of the slower loops are left out, which their own holds make small.
+A loop sees the closed loop inside it, not a model of that.
 
 The estimator does not appear: fed by an IMU without error its states are the true ones, whatever
 the latency of the mocap (`tombo_control.estimator`).

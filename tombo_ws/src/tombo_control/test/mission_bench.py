@@ -1,4 +1,4 @@
-"""What the tests of the mission fly: its core at 50 Hz, and a vehicle that follows it."""
+"""Flights of the mission's tests: its core at 50 Hz, and a vehicle that follows it."""
 
 import math
 

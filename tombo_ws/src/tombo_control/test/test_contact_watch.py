@@ -1,4 +1,4 @@
-"""The contact trigger: which rotor a push is of, and what is no contact."""
+"""The contact trigger: the rotor of a push, and pushes that are not contacts."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ E = EstimatorParams()
 
 @dataclass
 class Motion:
-    """Truth at 1 kHz: position, velocity, attitude, and what a perfect IMU reads."""
+    """Truth at 1 kHz: position, velocity, attitude, and readings of a perfect IMU."""
 
     position: np.ndarray
     velocity: np.ndarray
@@ -77,7 +77,7 @@ def estimate(
         noise: of gyro [rad/s] and accelerometer [m/s^2].
         bias: of the same.
         gap: first and last tick without mocap.
-        stamped: False tells the estimator that a sample was captured when it arrived.
+        stamped: False: the estimator takes arrival as the time of capture.
         swap: every second sample overtakes the one before it.
         a: a memory to begin with.
     """

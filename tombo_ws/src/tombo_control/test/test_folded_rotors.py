@@ -1,4 +1,5 @@
-"""Allocation with a limit for each rotor: what the rotors really give, and in which order."""
+"""Allocation with a limit for each rotor: thrust that the rotors give, and the order of
+priorities."""
 
 from __future__ import annotations
 

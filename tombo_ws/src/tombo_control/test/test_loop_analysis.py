@@ -1,4 +1,4 @@
-"""The linear analysis: what it says of the gains, and that the code obeys it."""
+"""The linear analysis: margins of the gains, and that the code has them."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""What is measured may be missing: no combination of NaN reaches the rotors or stays inside."""
+"""Measurements may be missing: no combination of NaN reaches the rotors or stays inside."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""The 50 Hz loop: limits, anti-windup, derivative, feed-forward, and what it asks of attitude."""
+"""The 50 Hz loop: limits, anti-windup, derivative, feed-forward, and set points of attitude."""
 
 import math
 from dataclasses import replace
@@ -125,7 +125,7 @@ def test_attitude_points_body_z_along_the_force_by_the_shortest_turn(force, yaw)
     level = np.zeros(4)
     attitude_from_thrust(0.0, 0.0, 1.0, yaw, level)
     assert np.allclose(yaw_pitch_roll(level), [yaw, 0.0, 0.0], atol=1e-9)
-    # tilting does not turn: between level and tilted there is no part about map z
+    # tilting does not turn: from level to tilted, the turn has no component about map z
     x0, y0, z0, w0 = level
     x, y, z, w = q
     about_map_z = w * (-z0) + z * w0 + x * (-y0) - y * (-x0)

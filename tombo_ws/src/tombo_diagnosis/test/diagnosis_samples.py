@@ -1,6 +1,6 @@
 """Made-up diagnoses with the look of real ones, for the tests of report, files and command.
 
-Circles at several speeds; the model lacks drag. What is left is the noise of an accelerometer
+Circles at several speeds; the model lacks drag. The residual is the noise of an accelerometer
 through the filter: correlated over a tenth of a second.
 """
 

@@ -1,4 +1,4 @@
-"""The nominal model of a diagnosis, and models that are laid over it."""
+"""The nominal model of a diagnosis, and models that extend it."""
 
 import math
 from dataclasses import replace

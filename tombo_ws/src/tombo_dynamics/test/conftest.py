@@ -1,4 +1,4 @@
-"""Fixtures of the model's tests; makes its modules importable: test folders are no packages."""
+"""Fixtures of the model's tests; makes its modules importable: test folders are not packages."""
 
 import one_vehicle
 import pytest

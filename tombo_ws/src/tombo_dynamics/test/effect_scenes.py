@@ -22,7 +22,7 @@ SCENE = {
 }  # fmt: skip
 STRIKE = {"peak_force": 80.0, "recovery_time": 0.3, "slant": 0.5, "duration": 0.01}
 CONTEXT = {name: {"blade_strike": STRIKE} for name in ("propeller_wear", "accel_range")}
-"""What has to be switched on for an effect to show."""
+"""Conditions under which an effect shows."""
 TRUTH = {
     "mocap_dropouts": {"probability": 0.3}, "blade_strike": {"duration": 0.0085},
     "steady_wind": {"frequency": 9.0},

@@ -24,7 +24,7 @@ def hub(rotor):
 
 
 def struck(rotor=2, bearing=0.0, depth=0.001, wear=0.0, heading=0.0, pole=POLE, **more):
-    """Return a vehicle whose `rotor` cuts `depth` into a pole that stands at `bearing` from it.
+    """Return a vehicle whose `rotor` cuts `depth` into a pole at `bearing` from it.
 
     `bearing` is in base_link, 0 ahead; 0.785 on the front-left is straight outwards.
     """
@@ -277,7 +277,7 @@ def test_a_disc_above_the_top_passes():
 
 
 def test_a_disc_that_rises_above_the_obstacle_during_a_strike_is_free():
-    """There is nothing left to push against, least of all in a direction made up."""
+    """Without a surface the push is zero."""
     v = struck()
     v.begin()
     v.finish()

@@ -70,7 +70,7 @@ def test_dry_drag_is_as_large_at_any_speed_and_always_brakes(seed):
 
 
 def test_thrust_goes_round_a_loop():
-    """Rising, thrust lacks the play, falling it has it in excess; between there is no change."""
+    """Rising, thrust lacks the play, falling it has it in excess; it is constant between them."""
     v = disturbed("thrust_hysteresis", 0.4)
     loop = {}
     levels = np.concatenate([np.linspace(300, 600, 200), np.linspace(600, 300, 200)])

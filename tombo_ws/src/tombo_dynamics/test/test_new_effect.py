@@ -1,4 +1,4 @@
-"""A file dropped beside the other effects: other machine code, or named where it is broken.
+"""A file added to the other effects: other machine code, or named where it is broken.
 
 That it acts, tests/structure/test_additions.py and the example of CONTRIBUTING.md show. A copy of
 the package runs in a process of its own, uncompiled, so that it starts in a second.
@@ -34,7 +34,7 @@ print(CACHE_FOLDER.name, "rope" in REGISTRY)
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Run `CACHE` with another text of the effect's file; return what is said, and the error."""
+    """Run `CACHE` with another text of the effect's file; return its output, and the error."""
     folder = tmp_path_factory.mktemp("workspace")
     package = folder / "tombo_dynamics"
     shutil.copytree(

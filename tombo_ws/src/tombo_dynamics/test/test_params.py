@@ -1,4 +1,4 @@
-"""Parameter records: what is accepted, what is refused, and in which words."""
+"""Parameter records: accepted and refused values, and the message."""
 
 import dataclasses
 import math

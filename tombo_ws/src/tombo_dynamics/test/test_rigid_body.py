@@ -1,4 +1,4 @@
-"""Newton-Euler equations: what physics conserves is conserved, what it demands happens."""
+"""Newton-Euler equations: conserved quantities, and the equations of motion."""
 
 import math
 

@@ -7,7 +7,7 @@ from tombo_dynamics.yaml_text import LARGEST, parse_yaml, read_yaml
 
 
 def nine_levels(width=9):
-    """Aliases that stand for 9^9 values."""
+    """Aliases that expand to 9^9 values."""
     rows = ["a0: &a0 [" + ", ".join(["x"] * width) + "]"]
     rows += [f"a{i}: &a{i} [" + ", ".join([f"*a{i - 1}"] * width) + "]" for i in range(1, 9)]
     return "\n".join(rows)

@@ -1,4 +1,4 @@
-"""What a core makes of messages that are bad, missing or of two publishers, and what it says."""
+"""A core's answer to bad and missing messages, and to two publishers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TICKS = {POSE: 33, IMU: 1, ODOMETRY: 4, "/detector/status": 33}
 """Between two messages; of other topics 20."""
 ONCE = ("/goal_pose", COLLISION, "/contact_event")
 COUNTS = ("/detector/status", "/estimator/status")
-"""Topics that tell how many messages were refused."""
+"""Topics that count refused messages."""
 BEGUN = 1200
 """Ticks after which every core does what it does in flight."""
 MS = 1_000_000
@@ -34,7 +34,7 @@ NOWHERE = np.array([0.0, 0.0, nan])
 
 
 class Hovering:
-    """A core of a vehicle that rests level at the origin and is told that it approaches."""
+    """A core of a vehicle that rests level at the origin, in the phase of approach."""
 
     def __init__(self, name: str) -> None:
         self.core = core_of(KINDS[name], load_scenario("hover"))
@@ -58,7 +58,7 @@ class Hovering:
         self.events |= {key for key, _ in self.core.health.take_events()}
 
     def run(self, ticks: int, *, without: Sequence[str] = ()) -> list[tuple[str, Any]]:
-        """Go on with good messages; return what is published."""
+        """Go on with good messages; return the published messages."""
         begin = len(self.published)
         for _ in range(ticks):
             self.tick += 1

@@ -1,4 +1,4 @@
-"""Courses flown headless: where the vehicle goes, how it heads, what a scenario may ask for."""
+"""Courses flown headless: the vehicle's path and heading, and accepted courses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Memory of flights: what it holds of a flight, and when it is used again."""
+"""Memory of flights: its arrays of a flight, and their reuse."""
 
 from __future__ import annotations
 

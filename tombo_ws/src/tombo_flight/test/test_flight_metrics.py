@@ -33,7 +33,7 @@ EMPTY: Scenario = load_scenario("no_obstacle")
 
 
 def beside(x, y, z):
-    """A place by so much beside x_r."""
+    """A place at a distance from x_r."""
     return X_R + np.array([x, y, z])
 
 
@@ -184,7 +184,7 @@ def test_unstable_until_level_and_slow_for_three_tenths_of_a_second():
     made.set("rates", CONTACT + 1.6, CONTACT + 1.7, [0.0, 0.0, 0.99])
     made.tilted(CONTACT + 1.6, CONTACT + 1.7, 0.169)
     assert made.figures()["unstable_phase_s"] == pytest.approx(1.5)
-    made.tilted(9.0, 9.1, 0.5)  # what comes later is another matter
+    made.tilted(9.0, 9.1, 0.5)  # later samples do not count
     assert made.figures()["unstable_phase_s"] == pytest.approx(1.5)
 
 
@@ -371,7 +371,7 @@ def test_tracking_is_measured_before_contact_only():
 
 
 def down(phase, place=(0.0, 0.0, 0.0)):
-    """A flight that ends on the ground, beside its set point."""
+    """A flight that ends on the ground, away from its set point."""
     made = Made().set("mode", 10.0, 99.0, phase)
     ground = np.array([0.9, 0.0, 0.18])
     made.set("position_setpoint", 10.0, 99.0, ground)

@@ -19,7 +19,7 @@ CALM = ("effects.gusts.deviation=0", "effects.thrust_scatter.deviation=0")
 @pytest.mark.parametrize("seed", [0, 3])
 @pytest.mark.parametrize("name", builtin_vehicles())
 def test_a_preset_takes_off_hovers_and_lands(name, seed):
-    # What a small vehicle's take-off leaves fades with the slowest loop: here up to 10 s.
+    # The transient of a small vehicle's take-off fades with the slowest loop: here up to 10 s.
     scenario = load_scenario("hover", ["mission.land_time=50", "duration=70"], vehicle=name)
     flight = fly_scenario(scenario, seed)
     position, vehicle = flight.log["position"], scenario.vehicle

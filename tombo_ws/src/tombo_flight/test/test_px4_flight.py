@@ -1,4 +1,4 @@
-"""A flight over MAVLink: who is at the other end, and what a summary says without any truth."""
+"""A flight over MAVLink: the vehicle at the other end, and a summary without ground truth."""
 
 from __future__ import annotations
 

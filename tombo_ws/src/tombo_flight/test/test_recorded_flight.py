@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 TODAY_S = 1_790_000_000
 TRUTH = ("/ground_truth/odometry", "/ground_truth/rotors", "/ground_truth/contact")
-LOOSE = {  # what a truth of 250 Hz in place of 1 kHz may change
+LOOSE = {  # largest change by a truth of 250 Hz in place of 1 kHz
     "contact_position_m": 2e-3, "settled_error_m": 1e-4, "max_tilt_rad": 2e-3,
     "max_falling_distance_m": 1e-3, "hover_rms_m": 1e-4, "approach_rms_m": 1e-4,
     "recovery_time_s": 0.02, "unstable_phase_s": 0.02,
@@ -153,7 +153,7 @@ def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, rer
         return TODAY_S * SECOND_NS + (stamps - EPOCH_NS) // 2
 
     def keep(topic: str, count: int) -> np.ndarray:
-        """Without the last second of truth: what came later is known all the same."""
+        """Without the last second of truth: later messages are known all the same."""
         return np.arange(count) < count - (250 if topic == TRUTH[0] else 0)
 
     found = reread(log_time=log_time, keep=keep)
@@ -182,12 +182,12 @@ def test_time_begins_shortly_before_the_missions_first_word(flown, headless, rer
 
 
 def set_points(most: int) -> Callable[[str, int], np.ndarray]:
-    """Keep so many set points, and all else."""
+    """Keep the first set points, and all other messages."""
     return lambda topic, count: np.arange(count) < (most if topic == "/setpoint" else count)
 
 
 def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, reread):
-    """The mission does not know of it: it stands in the set point only.
+    """The mission does not know of it: only the set point has it.
 
     Set points begin with the estimates, and the 200th is followed a tick after it is published.
     """

@@ -1,4 +1,4 @@
-"""The reflex in flight: what it knows, how far it falls, and what it can't know."""
+"""The reflex in flight: its inputs, its fall, and unknown quantities."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_without_the_imus_trigger_the_motion_capture_begins_it():
 
 
 def test_no_reaction_can_see_the_plant():
-    """What is simulated (fold, strike, obstacle) is in modules that a reaction does not import."""
+    """Reactions do not import modules of the simulation (fold, strike, obstacle)."""
     folder = Path(tombo_collision.__path__[0])
     hidden = ("tombo_sim", "tombo_flight", "tombo_dynamics.plant", "tombo_dynamics.effects")
     for path in (*folder.glob("reactions/*.py"), folder / "decision.py"):

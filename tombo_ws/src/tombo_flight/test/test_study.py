@@ -1,4 +1,4 @@
-"""A study of a user's own: what is flown at each point, and what is kept of it."""
+"""A study of a user's own: the flight of each point, and its kept data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 
 class Heights:
-    """Points are heights of the mission; what is kept says where it was flown."""
+    """Points are heights of the mission; the kept data names its process."""
 
     summary_only = False
 

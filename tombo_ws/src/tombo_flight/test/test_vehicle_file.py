@@ -1,4 +1,4 @@
-"""Vehicle files: what they hold survives a round trip, and what is wrong in one is refused."""
+"""Vehicle files: their content survives a round trip, and errors are refused."""
 
 import dataclasses
 import math

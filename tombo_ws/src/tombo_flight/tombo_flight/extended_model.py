@@ -97,7 +97,7 @@ class Model:
 def merge_effects(
     effects: Mapping[str, Mapping[str, float]], model: Model
 ) -> dict[str, dict[str, float]]:
-    """Return a scenario's effects with the model's laid over them, parameter by parameter."""
+    """Return a scenario's effects, updated with the model's parameters."""
     result = {name: dict(values) for name, values in effects.items()}
     for name, values in model.effects.items():
         result[name] = {**result.get(name, {}), **values}

@@ -90,7 +90,7 @@ class Workspace:
         return [sys.getrefcount(piece) for piece in (self.log.position.base, *self.published)]
 
     def is_free(self) -> bool:
-        """Return whether no array of a flight lies in it any more."""
+        """Return whether it holds no array of a flight any more."""
         return self.references == self._unused
 
     def for_flight(self, ticks: int) -> tuple[Any, tuple[Any, ...]]:
@@ -144,9 +144,9 @@ def fly_scenario(
         finish: called with the cores after the last tick, to see what a record does not have.
 
     Raises:
-        InputError: the propeller cannot lift the vehicle, the vehicle would start inside the
-            obstacle, parameters are so stiff that the simulation diverges, or the reaction fails
-            or decides what can't be flown.
+        InputError: the propeller cannot lift the vehicle; the vehicle would start inside the
+        obstacle; stiff parameters make the simulation diverge; or the reaction fails, or its
+        decision can't be flown.
     """
     setup = begin(world_of(scenario), seed)
     if prepare is not None:
@@ -302,7 +302,7 @@ class _Running:
 
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:
-    """Return the scenario as plain values, with the seed and what follows from it."""
+    """Return the scenario as plain values, with the seed and the values that follow from it."""
     flown = dict(scenario.plain)
     flown["effects"] = setup.effects
     flown["estimator"] = {**flown["estimator"], "mocap_rate": setup.mocap_rate}
@@ -312,7 +312,7 @@ def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any
 
 
 def _poses(flights: Flights) -> Topic:
-    """Return what the motion capture has measured, in the order in which it arrived."""
+    """Return the poses of the motion capture, in order of arrival."""
     entries = flights.entries[0]
     poses = entries[in_order_of_arrival(entries)]
     fields = {name: poses[name] for name in ("position", "attitude")}
@@ -320,7 +320,7 @@ def _poses(flights: Flights) -> Topic:
 
 
 def _topics(published: dict[str, Any], names: Iterable[str]) -> dict[str, Topic]:
-    """Return topics of what the cores have published."""
+    """Return the topics that the cores have published."""
     return {name: _topic(published[name], TABLES[name]) for name in names}
 
 

@@ -195,7 +195,7 @@ def statistic_of_poses(flight: Flight) -> Array:
 
 
 def first_sustained(condition: NDArray[np.bool_], length: int) -> int | None:
-    """Return the first index from which `condition` holds for `length` entries on end, or None."""
+    """Return the first index of `length` successive entries that hold, or None."""
     if condition.size < length:
         return None
     broken = np.concatenate([[0], np.cumsum(~condition)])
@@ -356,7 +356,7 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     arrival = None if first is None else first.known_s
     known = min((seen.known_s for seen in true), default=None)
     by_imu = (seen.message.rotor for seen in true if seen.trigger == _IMU)
-    # poses do not tell the rotor
+    # poses do not show the rotor
     struck = next((rotor for rotor in by_imu if rotor != ROTOR_UNKNOWN), None)
     # x_c, n_r and x_r belong together: after a second collision they are the second one's
     reaction = flight.reactions[-1] if flight.reactions else None

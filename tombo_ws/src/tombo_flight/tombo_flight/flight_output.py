@@ -28,7 +28,7 @@ _REHEARSAL_S = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class FlightResult:
-    """A flight, its summary as it stands in the file, and how long recording took."""
+    """A flight, its summary as in the file, and the duration of recording."""
 
     record: Flight
     summary: dict[str, Any]
@@ -106,8 +106,8 @@ def fly_into(
 ) -> FlightResult:
     """Fly a scenario and write its files into an output folder, which the caller publishes.
 
-    A flight that is stopped leaves `flight.mcap`, `summary.json` and `scenario.yaml` with what was
-    flown so far; a stop after the flight leaves out the pictures that are not yet drawn.
+    A stopped flight leaves `flight.mcap`, `summary.json` and `scenario.yaml` up to that time; a
+    stop after the flight leaves out the pictures that are not yet drawn.
 
     Args:
         folder: where the files go.
@@ -120,7 +120,7 @@ def fly_into(
     Raises:
         OSError: the files can't be written.
     """
-    if record:  # imports are no part of the time that recording takes
+    if record:  # the time of recording excludes imports
         import tombo_bag.flight_topics  # noqa: F401
 
     interrupted = False

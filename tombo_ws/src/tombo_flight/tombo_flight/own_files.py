@@ -1,4 +1,4 @@
-"""Effects and reactions from files of the user, in this process and in those that fly.
+"""Effects and reactions from files of the user, in this process and in the flying processes.
 
     python -m tombo_flight.own_files FILE... -- MODULE [ARGUMENT ...]
 
@@ -87,7 +87,7 @@ def _import(given: str) -> None:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     if str(path.parent) not in sys.path:
-        sys.path.append(str(path.parent))  # for what lies beside it
+        sys.path.append(str(path.parent))  # for modules in its folder
     try:
         spec.loader.exec_module(module)
         if _enter(module, what):

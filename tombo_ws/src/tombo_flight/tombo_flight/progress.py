@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 ProgressCallback = Callable[[str, float], None]
-"""Called with what is being done, and the share that is done from 0 to 1."""
+"""Called with the present step, and the finished share from 0 to 1."""
 
 
 def no_progress(stage: str, share: float) -> None:

@@ -3,7 +3,7 @@
 For recordings of the simulated vehicle, by the headless flight or by the nodes, the ground truth
 at whatever rate is what is known. Of a real vehicle there is none: the motion capture's poses are
 what is known then, contact is what the detector says, and the summary says so (`known_from`). All
-is laid on the simulator's ticks of 1 ms.
+signals are resampled to the simulator's ticks of 1 ms.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ from tombo_px4.modes import landing_phases
 from tombo_sim.kernel import LogRow
 
 _FIRST_POSES = 3
-"""The estimator begins from so many poses of the motion capture."""
+"""Number of poses of the motion capture from which the estimator begins."""
 _FIRST_STEP_NS = 20 * TICK_NS
 """Longest time from the first estimate to the mission's first message: its period."""
 _TICK_BYTES = 2000
-"""Memory that a tick takes, with all of its columns and what is made of them."""
+"""Memory of a tick, with all of its columns and the arrays derived from them."""
 _UNIT = 1e-2
 """How far from 1 the length of a rotation's quaternion may be."""
 _MEASURED_VELOCITY = "velocity_in_map"
@@ -105,7 +105,7 @@ def read_flight(path: Path, wall_time_s: float = 0.0) -> Flight:
 
     Time 0 is that of the file's metadata, else the first true pose; where nodes came later than
     the simulator, it is as long before the mission's first word as the estimator takes to begin.
-    What was not published is NaN; what was not yet published is as it was first.
+    Values not published are NaN; values not yet published are the first published ones.
 
     Args:
         path: recording of a flight: a file, or a folder of them.
@@ -233,7 +233,7 @@ def _arrival(log_times_ns: Times, truth: ColumnTable | None, epoch_ns: int) -> A
 
 
 def _log(fields: Fields, ticks: _Ticks) -> dict[str, Array]:
-    """Return the columns of the simulator's log; what is not known is NaN."""
+    """Return the columns of the simulator's log; unknown values are NaN."""
     log = {
         name: np.full((ticks.count, *one.shape), math.nan) for name, one in LogRow.fields.items()
     }
@@ -405,7 +405,7 @@ def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], 
     """Return the scenario as flown, and as a scenario again; defaults if the file has none.
 
     Raises:
-        InputError: what the file has is none.
+        InputError: the file's content is not a flight.
     """
     text = metadata.get("scenario")
     if text is None:

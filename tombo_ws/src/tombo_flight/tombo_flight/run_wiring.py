@@ -1,7 +1,7 @@
 """The reference of how a flight runs: the cores of a wiring hosted tick by tick, in plain Python.
 
 In each tick of 1 ms the simulator senses. Every core takes the sensor messages of this tick and
-what other cores published in earlier ticks, in the order of its `inputs`, and is stepped if its
+the other cores' messages of earlier ticks, in the order of its `inputs`. It is stepped if its
 period is due or a message has come. The rotor command of the tick acts in it. Within a tick no
 core depends on another, so nodes in lockstep fly the same flight to the last bit.
 """
@@ -74,7 +74,7 @@ def run_cores(
 
 
 def sensed(simulator: Simulator, now_ns: int) -> list[tuple[str, Any]]:
-    """Return what the sensors give in the present tick, as (topic, message)."""
+    """Return the sensor messages of the present tick, as (topic, message)."""
     messages: list[tuple[str, Any]] = []
     for sample in simulator.arrived:
         position, attitude = sample.pose[:3].copy(), sample.pose[3:].copy()

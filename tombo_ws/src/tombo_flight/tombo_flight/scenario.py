@@ -54,9 +54,9 @@ class Scenario:
     description: str = ""
     duration: float = param(60.0, "s", (0.1, 3600.0), "the flight is cut off at this time")
     model: str = ""
-    """Extended model whose effects are laid over; empty: none."""
+    """Extended model whose effects update the scenario's; empty: none."""
     disturbances: bool = False
-    """What clean figures leave out, `scenarios/layers/disturbances.yaml`, was laid over."""
+    """The disturbances of `scenarios/layers/disturbances.yaml` were added."""
     propeller: PropellerChoice = field(default_factory=PropellerChoice)
     vehicle: VehicleParams = field(default_factory=VehicleParams)
     control: ControlParams = field(default_factory=ControlParams)
@@ -84,7 +84,7 @@ _TOMBO_KEYS = ("propeller.conf", "propeller.law", "propeller.library")
 _DECIMAL = re.compile(r"-?(0|[1-9][0-9]{0,15})(\.[0-9]{1,20})?")
 """A value that needs no YAML: studies read some in each flight."""
 _ALWAYS_SAID = ("conf", "law", "library")
-"""Keys of a propeller that stand in a flown scenario even where they have their defaults."""
+"""Keys of a propeller that a flown scenario states even where they have their defaults."""
 _SECTIONS: dict[str, Any] = {
     each.name: each.default_factory
     for each in dataclasses.fields(Scenario)
@@ -116,11 +116,11 @@ def _text_of(name: str, folder: Path) -> tuple[str, Path | None]:
 def _read(
     name: str, folder: Path = Path(), below: tuple[Path | None, ...] = ()
 ) -> tuple[dict[str, Any], str]:
-    """Return the content of a scenario by name or path, with what it extends merged in.
+    """Return the content of a scenario by name or path, merged with its base.
 
     Args:
         name: built-in name or path.
-        folder: what a relative path is relative to: the folder of the file that extends this one.
+        folder: base of a relative path: the folder of the file that extends this one.
         below: the files that extend this one, directly or not.
     """
     text, path = _text_of(name, folder)
@@ -175,7 +175,7 @@ def _with_vehicle(values: Mapping[str, Any]) -> dict[str, Any]:
         found["control"] |= kept
     effects = values.get("effects")
     if isinstance(effects, Mapping):
-        scenario_from_mapping({"effects": effects}, file.name)  # refuses what is no effect
+        scenario_from_mapping({"effects": effects}, file.name)  # refuses unknown effects
         found["effects"] = {**effects_for(effects, file.vehicle), **file.effects}
     elif effects is None:
         found["effects"] = dict(file.effects)
@@ -185,7 +185,7 @@ def _with_vehicle(values: Mapping[str, Any]) -> dict[str, Any]:
 def _extended(
     values: Any, name: str, folder: Path = Path(), below: tuple[Path | None, ...] = ()
 ) -> dict[str, Any]:
-    """Return the content of a scenario with what it extends merged in."""
+    """Return the content of a scenario, merged with its base."""
     if not isinstance(values, dict):
         found = shown(values)
         raise InputError(f"scenario '{name}': {found} is no scenario; accepted: keys and values")
@@ -210,7 +210,7 @@ def load_scenario(
     Args:
         name: built-in name or path of a YAML file.
         settings: overrides such as "vehicle.mass=1.4" or "effects.steady_wind.east=2".
-        model: path of a `model.yaml`, whose effects are laid over those of the scenario; settings
+        model: path of a `model.yaml`, whose effects update those of the scenario; settings
             win over both.
         vehicle: a vehicle file, or its name or path, in place of the scenario's vehicle, propeller
             and gains; settings win over it.
@@ -288,7 +288,7 @@ def scenario_over(
 
 
 def extended_scenario(values: Mapping[str, Any], label: str) -> Scenario:
-    """Build a scenario from a plain mapping as it could stand in a file, with what it extends.
+    """Build a scenario from a plain mapping, as in a file, with its base.
 
     Raises:
         InputError: as `load_scenario`.
@@ -366,7 +366,7 @@ def _refuse_decimal_comma(value: Any, section: str) -> None:
 
 
 def as_mapping(scenario: Scenario) -> dict[str, Any]:
-    """Return the scenario as plain nested dictionaries, as it could stand in a file."""
+    """Return the scenario as plain nested dictionaries, as in a file."""
     plain: dict[str, Any] = dataclasses.asdict(scenario)
     plain["reaction"]["name"] = scenario.reaction.name
     plain["react"] = scenario.reaction.name != NoReaction.name  # older readers know no `none`
@@ -395,7 +395,7 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
 
 
 def scenario_warnings(scenario: Scenario) -> list[str]:
-    """Return what a scenario asks for, and what is hardly meant, a sentence each."""
+    """Return warnings about a scenario's probable mistakes, a sentence each."""
     if scenario.obstacle.radius <= 0.0:
         return []
     found = []
@@ -433,8 +433,8 @@ def check_course(mission: MissionParams, control: ControlParams, volume: FlightV
         volume: where the vehicle may fly.
 
     Raises:
-        InputError: jumps are asked for as well, a leg is faster than the controller allows, it
-            leaves the flight volume, or it is to land before the course is over.
+        InputError: jumps are enabled as well; a leg is faster than the controller allows; it
+        leaves the flight volume; or it lands before the course ends.
     """
     if mission.height > volume.z_max:
         raise InputError(
@@ -524,7 +524,7 @@ def _value_of(text: str, what: str) -> Any:
 def laid_over(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """Return a scenario's values with others over them, key by key.
 
-    Two keys stand for more than a value: with `disturbances: true` those of the suite lie between
+    Two keys set more than a value: with `disturbances: true` those of the suite lie between
     the two; another `reaction.name` leaves the parameters of the reaction before. `react`, a word
     of older files, chooses a reaction: false none, true the default one where there was none.
 
@@ -576,7 +576,7 @@ def _reaction_name(values: Mapping[str, Any]) -> Any:
 def _reaction_of(
     below: Mapping[str, Any], above: Mapping[str, Any], *, react: bool
 ) -> dict[str, Any]:
-    """Return the reaction that `react` means, over `below` and beside what `above` has."""
+    """Return the reaction of `react`, on top of `below`, together with the keys of `above`."""
     own = dict(_section(above, "reaction"))
     if not react:
         return {"name": NoReaction.name}

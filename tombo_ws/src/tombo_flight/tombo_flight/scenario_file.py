@@ -34,7 +34,7 @@ def write_scenario(path: Path, scenario: Scenario, seeds: str) -> None:
 
 
 def complete_mapping(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as it stands in a file of any folder: without a model, paths absolute."""
+    """Return a scenario as written to a file of any folder: without a model, paths absolute."""
     values = as_mapping(scenario)
     values.pop("model", None)
     library = values["propeller"].get("library")

@@ -101,7 +101,7 @@ class Episodes:
         captures = math.ceil(scenario.duration * rate) + 2
         self._shared = shared_by(setup.maps, cores)
         self.batch: Batch = new_batch(count, setup.plant, setup.theta, cores, captures)
-        flights = self.batch.flights._replace(entries=(), published=())  # of these, what is in use
+        flights = self.batch.flights._replace(entries=(), published=())  # the flights in use
         self._rows = _bytes_of(self.batch._replace(flights=flights))
         self._tables = _bytes_of(self.batch.flights.published)
         self._row_sizes = np.array([table.itemsize for table in self.batch.flights.published])

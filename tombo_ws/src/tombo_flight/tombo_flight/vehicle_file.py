@@ -1,8 +1,8 @@
 """The vehicle file: airframe, propeller and gains of one vehicle, each value with its source.
 
 `tombo fly --vehicle`, a scenario's `vehicle:` and `tombo diagnose --vehicle` read it; presets are
-such files under `vehicles/`. What a file leaves out is the default vehicle's, in its own size
-(`similar_vehicle`); gains that it leaves out follow from the vehicle (`gains_for`).
+such files under `vehicles/`. Values that a file leaves out are the default vehicle's, scaled to
+its size (`similar_vehicle`); gains that it leaves out follow from the vehicle (`gains_for`).
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Note:
 
 @dataclass(frozen=True)
 class HealthyFlights:
-    """What the model leaves unexplained of healthy flights of a vehicle."""
+    """Residual of healthy flights of a vehicle."""
 
     flights: int
     residuals: Mapping[str, tuple[float, ...]]
@@ -106,16 +106,16 @@ class VehicleFile:
     propeller: PropellerChoice
     control: ControlParams
     drive: DriveParams = field(default_factory=DriveParams)
-    """What a motor command does, where logs have no rotor speeds."""
+    """Effect of a motor command, where logs have no rotor speeds."""
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """What it has of effects, in place of a scenario's: its drag, for example."""
+    """Effects of the vehicle, in place of a scenario's: its drag, for example."""
     given: frozenset[str] = frozenset()
-    """section.key of what the file itself says; the rest follows from it."""
+    """section.key of the values in the file itself; the rest follows from it."""
     notes: Mapping[str, Note] = field(default_factory=dict)
     """section.key → what is noted about it."""
     about: str = ""
     sources: tuple[str, ...] = ()
-    """What [1], [2] and so on in the notes stand for."""
+    """Sources of [1], [2] and so on in the notes."""
     healthy: HealthyFlights | None = None
     """Of a vehicle that was fitted to its flights."""
 
@@ -173,7 +173,7 @@ def vehicle_from_text(text: str, what: str, folder: Path = Path()) -> VehicleFil
     Args:
         text: of the file.
         what: names it in errors.
-        folder: what the path of a propeller's library is relative to.
+        folder: base of the path of a propeller's library.
 
     Raises:
         InputError: as `read_vehicle`.
@@ -221,7 +221,7 @@ def vehicle_from_mapping(
 def _built(
     values: Mapping[str, Any], plain: Mapping[str, Mapping[str, Any]], notes: Mapping[str, Note]
 ) -> VehicleFile:
-    """Return the vehicle from values without notes, with what they leave out."""
+    """Return the vehicle from values without notes, completed with defaults."""
     propeller = from_mapping(PropellerChoice, plain["propeller"], "propeller")
     check_choice(propeller)
     given = from_mapping(VehicleParams, plain["vehicle"], "vehicle")
@@ -331,7 +331,7 @@ def _without_notes(
 
 
 def vehicle_text(file: VehicleFile) -> str:
-    """Return the text of a vehicle file: what was given, with its notes."""
+    """Return the text of a vehicle file: the given values, with notes."""
     values: dict[str, Any] = {"tombo_vehicle": FORMAT, "name": file.name}
     if file.about:
         values["about"] = file.about

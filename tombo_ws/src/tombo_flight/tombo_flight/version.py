@@ -38,7 +38,7 @@ def commit_of(source: Path) -> str:
     """
     folder = source.resolve().parent
     if not _git(folder, "ls-files", "--error-unmatch", source.name):
-        return ""  # it lies in no repository, or in somebody else's
+        return ""  # it is in no repository, or in another project's
     commit = _git(folder, "describe", "--always", "--exclude=*", "--abbrev=12", "--dirty=.dirty")
     if commit.endswith(".dirty") or not _git(folder, *_UNTRACKED, *_SOURCES):
         return commit

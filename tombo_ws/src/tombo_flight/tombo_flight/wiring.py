@@ -24,7 +24,7 @@ TOPICS |= NEW_TOPICS
 
 
 def records_of(core: type[Core], scenario: Scenario) -> dict[str, Any]:
-    """Return the parameters of a core, section → record; what no scenario says is the default."""
+    """Return the parameters of a core, section → record: the scenario's, else the defaults."""
     records = {
         section: getattr(scenario, section, None) or kind()
         for section, kind in core.sections.items()

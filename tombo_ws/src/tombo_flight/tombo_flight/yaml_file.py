@@ -93,7 +93,7 @@ def check_keys(values: Mapping[str, Any], accepted: Iterable[str], where: str) -
     """Refuse a key that is not among those accepted.
 
     Raises:
-        InputError: names the key and what is close to it.
+        InputError: names the key and similar keys.
     """
     names = list(accepted)
     for key in values:

@@ -3,7 +3,7 @@
 Ours: world `map`, ENU; body `base_link`, FLU; quaternions xyzw, map from base_link. PX4's: world
 NED with the same origin, body FRD, quaternions wxyz, NED from FRD (MAVLink common, PX4 user guide
 "frames"). All functions take leading axes; vectors and yaw are their own way back, which is why
-each direction has its own name: a call says what it has and what it wants.
+each direction has its own name: a call names both frames.
 """
 
 from __future__ import annotations

@@ -96,7 +96,7 @@ class Px4BridgeNode(LoopNode):
         try:
             self._set_up()
         except InputError:
-            self.destroy()  # now: what is left of a node complains at the end of the program
+            self.destroy()  # now: the rest of a node complains at the end of the program
             raise
 
     def _set_up(self) -> None:

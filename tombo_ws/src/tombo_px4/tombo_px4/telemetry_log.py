@@ -58,9 +58,9 @@ def is_tlog(start: bytes) -> bool:
 def telemetry_messages(raw: bytes) -> tuple[dict[int, ColumnTable], list[str]]:
     """Return number of a message → its fields as columns, of one vehicle; and what is damaged.
 
-    Each table has `timestamp`, when its messages were received [us since 1970], and
-    `timestamp_sample`, when the vehicle stamped them, on the same clock at the mean delay. Poses
-    of a motion capture are taken from any sender.
+    Each table has `timestamp`, the time of reception [us since 1970]. Its `timestamp_sample` is
+    the vehicle's stamp, on the same clock at the mean delay. Poses of a motion capture are taken
+    from any sender.
     """
     streams, damage = _streams(raw)
     senders: Counter[int] = Counter()
@@ -112,7 +112,7 @@ def _define_esc_status(dialect: Any) -> Any:
 
 
 def _streams(raw: bytes) -> tuple[_Streams, list[str]]:
-    """Return the messages of each sender, and what could not be read."""
+    """Return the messages of each sender, and the unreadable parts."""
     from pymavlink.dialects.v20 import ardupilotmega  # takes time, which other logs need not
 
     ardupilotmega.mavlink_map.setdefault(_ESC_STATUS, _define_esc_status(ardupilotmega))

@@ -17,7 +17,7 @@ from tombo_ros.core_node import LOOP_SILENT, CoreNode
 
 @pytest.fixture
 def node(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """What a service needs of its node; nobody runs the loop."""
+    """Needs of a service from its node; nobody runs the loop."""
     monkeypatch.setattr(core_node, "_ANSWER_S", 0.05)
     return SimpleNamespace(_commands=deque())
 

@@ -1,4 +1,4 @@
-"""Faults on `/diagnostics`: when they are logged, and what a report says of them."""
+"""Faults on `/diagnostics`: when they are logged, and their text in a report."""
 
 from __future__ import annotations
 

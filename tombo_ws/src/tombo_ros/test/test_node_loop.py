@@ -1,4 +1,4 @@
-"""A node is one loop: its rate, its clock, its end, and what it says when it can't begin."""
+"""A node is one loop: its rate, its clock, its end, and its message when it can't begin."""
 
 from __future__ import annotations
 

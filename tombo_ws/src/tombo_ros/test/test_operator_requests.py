@@ -25,7 +25,7 @@ DOES = {
 
 
 class Nodes:
-    """The graph: who is dead, who is silent, what was called."""
+    """The graph: dead nodes, silent nodes, and calls."""
 
     def __init__(
         self, *, px4: bool, dead: str = "", silent: str = "", refuses: tuple[str, ...] = ()

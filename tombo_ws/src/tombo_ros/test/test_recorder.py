@@ -1,4 +1,5 @@
-"""The recorder as its own process, over DDS: what it writes, loses, and leaves when it dies."""
+"""The recorder as its own process, over DDS: written and lost messages, and its files after its
+death."""
 
 from __future__ import annotations
 
@@ -88,7 +89,7 @@ def metrics(report) -> dict[str, str]:
 
 
 def recorded(world, number: int) -> None:
-    """Wait until the recorder tells of so many messages besides its own reports.
+    """Wait until the recorder counts this number of messages, without its own reports.
 
     All its reports must have been heard.
     """

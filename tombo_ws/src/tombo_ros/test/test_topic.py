@@ -1,4 +1,4 @@
-"""The two ends of a topic: what has arrived, in its order; whether two speak at once."""
+"""The two ends of a topic: arrived messages, in order; whether two speak at once."""
 
 from __future__ import annotations
 

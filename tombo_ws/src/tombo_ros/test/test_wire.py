@@ -1,4 +1,4 @@
-"""The bytes of the suite's messages are rclpy's, both ways; what is none of them is refused."""
+"""The bytes of the suite's messages are rclpy's, both ways; others are refused."""
 
 from __future__ import annotations
 

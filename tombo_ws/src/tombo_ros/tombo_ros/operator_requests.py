@@ -72,7 +72,7 @@ class OperatorRequests:
         return any(self._clients[service].service_is_ready() for service in services)
 
     def read(self, data: str) -> list[dict[str, Any]]:
-        """Call what whole lines ask for; return the refusals of those that can't be called."""
+        """Call what whole lines ask for; return the refusals of requests that can't be called."""
         *lines, self._rest = (self._rest + data).split("\n")
         return [answer for line in lines if line.strip() for answer in self._begin(line.strip())]
 

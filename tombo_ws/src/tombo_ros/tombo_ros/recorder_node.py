@@ -102,7 +102,7 @@ class RecordedTopic:
         return 0
 
     def take_first(self, number: int) -> list[ReceivedMessage]:
-        """Return nothing: what has come is recorded already."""
+        """Return nothing: received messages are recorded already."""
         return []
 
 
@@ -173,7 +173,7 @@ class RecorderNode(LoopNode):
         )
 
     def _records(self) -> dict[str, dict[str, str]]:
-        """Read what is to stand in the file beside the messages.
+        """Read the metadata of the file.
 
         Raises:
             InputError: no such file, or not of that form.
@@ -253,7 +253,7 @@ class RecorderNode(LoopNode):
             self.stop()
 
     def _discover_publishers(self) -> None:
-        """Find new publishers; adapt to what they offer; count them."""
+        """Find new publishers; adapt to their QoS; count them."""
         names = dict.fromkeys(self._specs)
         if self._all:
             names.update(dict.fromkeys(name for name, _ in self.ros.get_topic_names_and_types()))
@@ -380,7 +380,7 @@ def _crowded(counters: Mapping[str, SequenceCounter]) -> list[str]:
 
 
 def weakest_qos(offers: Iterable[Qos]) -> Qos:
-    """Return what all of some publishers offer."""
+    """Return the QoS that all of these publishers offer."""
     every = list(offers)
     reliable = all(qos.reliability == "reliable" for qos in every)
     latched = all(qos.durability == "transient_local" for qos in every)
@@ -388,7 +388,7 @@ def weakest_qos(offers: Iterable[Qos]) -> Qos:
 
 
 def _offered(offer: Any) -> Qos:
-    """Return what a publisher offers; discovery doesn't tell the depth."""
+    """Return the QoS that a publisher offers; discovery does not carry the depth."""
     profile = offer.qos_profile
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     reliable = profile.reliability == ReliabilityPolicy.RELIABLE

@@ -56,7 +56,7 @@ def capture_ticks(seconds):
 
 @dataclass
 class Flight:
-    """What a flight leaves behind: the log by names, the mocap table, both memories."""
+    """Results of a flight: the log by names, the mocap table, both memories."""
 
     log: tuple
     mocap: np.ndarray

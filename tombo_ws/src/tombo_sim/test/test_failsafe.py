@@ -1,4 +1,4 @@
-"""Nobody commands: the simulated flight controller lands the vehicle where it is."""
+"""Without commands: the simulated flight controller lands the vehicle where it is."""
 
 from __future__ import annotations
 

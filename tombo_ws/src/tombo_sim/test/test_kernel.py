@@ -1,4 +1,4 @@
-"""The fused kernel: what it flies, what it writes down, the same every time."""
+"""The fused kernel: its flight and its log, equal every time."""
 
 import numpy as np
 import pytest

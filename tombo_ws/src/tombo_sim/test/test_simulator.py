@@ -1,4 +1,4 @@
-"""The simulator tick by tick: its poses, its chance, what it refuses.
+"""The simulator tick by tick: its poses, its random numbers, refused input.
 
 That it is the compiled flight's plant to the last bit shows `tombo_flight/test/test_fused_flight`.
 """

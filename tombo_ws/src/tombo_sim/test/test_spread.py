@@ -21,7 +21,7 @@ def setups():
 
 
 def uniform(values, half_width):
-    """Return whether values are spread evenly over +- half_width, as far as so many tell."""
+    """Return whether values are spread evenly over +- half_width, within their sampling error."""
     shares = (np.sort(values) / half_width + 1.0) / 2.0
     even = (np.arange(len(values)) + 0.5) / len(values)
     return float(np.abs(shares - even).max()) < 1.63 / math.sqrt(len(values))  # Kolmogorov, 1 %

@@ -1,4 +1,4 @@
-"""`tombo benchmark faults`: what it refuses, and what it prints of flights over nodes."""
+"""`tombo benchmark faults`: refused input, and the table of flights over nodes."""
 
 from __future__ import annotations
 

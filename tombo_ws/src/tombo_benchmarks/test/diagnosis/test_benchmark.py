@@ -1,4 +1,4 @@
-"""A case of the blind benchmark, whole: what is hidden is found, with its size.
+"""A case of the blind benchmark, whole: hidden effects are named, with their size.
 
 How often a healthy vehicle is accused is a rate: `test_benchmark_slice` asks twelve.
 """

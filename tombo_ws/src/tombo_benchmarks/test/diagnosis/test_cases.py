@@ -1,4 +1,4 @@
-"""Synthetic cases: what is hidden, how much of it, and that a seed gives the same case."""
+"""Synthetic cases: hidden effect, its size, and equal cases of equal seeds."""
 
 from dataclasses import asdict
 

@@ -1,4 +1,5 @@
-"""Recorded flights of a simulator by others: what is hidden is found, and the score says so."""
+"""Recorded flights of a simulator by others: the hidden effect is named, and the score counts
+it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said of a vehicle behind a fault, from made-up flights."""
+"""Verdict on a vehicle after a fault, from synthetic flights."""
 
 from __future__ import annotations
 

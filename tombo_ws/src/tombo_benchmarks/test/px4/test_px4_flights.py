@@ -1,4 +1,4 @@
-"""`make test-px4`: what it says where there is no PX4, and its table; the flights need a PX4."""
+"""`make test-px4`: its message without a PX4, and its table; the flights need a PX4."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Bad input: one line with the name, the value and what is accepted; exit 2; nothing written."""
+"""Bad input: one line with the name, the value and the accepted values; exit 2; nothing
+written."""
 
 from __future__ import annotations
 

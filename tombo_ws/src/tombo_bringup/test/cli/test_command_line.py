@@ -1,4 +1,4 @@
-"""Printed command lines: what the shell makes of them, and that they can be run."""
+"""Printed command lines: in the shell's form, and that they can be run."""
 
 import shlex
 

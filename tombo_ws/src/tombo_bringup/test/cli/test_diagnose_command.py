@@ -16,7 +16,7 @@ from tombo_diagnosis.report.files import NominalReference
 
 @pytest.fixture
 def found(monkeypatch):
-    """What the diagnosis answers, in place of reading and fitting."""
+    """Fixed answer of the diagnosis, without reading and fitting."""
     answer: dict[str, Any] = {"diagnosis": sample(flights=2, seconds=10.0), "asked": None}
 
     def run(logs, model, mapping, names, tell, vehicle):

@@ -1,4 +1,4 @@
-"""`tombo fly`: what a flight leaves, and that it is the same every time."""
+"""`tombo fly`: the files of a flight, equal every time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A flight by nodes: when it ends, what it leaves, what it says of nodes that fail."""
+"""A flight by nodes: its end, its files, its report of failed nodes."""
 
 from __future__ import annotations
 

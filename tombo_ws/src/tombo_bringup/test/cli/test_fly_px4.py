@@ -1,4 +1,5 @@
-"""`tombo fly --px4` on the command line: what the words mean, what is refused, who is asked."""
+"""`tombo fly --px4` on the command line: meaning of the arguments, refused input, the vehicle at
+the other end."""
 
 from __future__ import annotations
 
@@ -118,7 +119,7 @@ def fly(tombo, tmp_path, monkeypatch):
 
 @pytest.fixture
 def flown(monkeypatch):
-    """A second of hover in place of what the recording would hold."""
+    """A second of hover in place of the recording."""
     record = fly_scenario(load_scenario("hover", ["duration=1.0"]), 0)
     monkeypatch.setattr(node_flight, "read_flight", lambda bag, wall_s: record)
     monkeypatch.setattr(node_flight, "node_metrics", lambda recording: {"too_slow": []})

@@ -1,4 +1,4 @@
-"""`tombo live`: what can be the source, and what is said of one that can't."""
+"""`tombo live`: accepted sources, and the message for others."""
 
 import sys
 

@@ -28,7 +28,7 @@ def run_printed(tombo, text: str) -> list[str]:
 
 
 def test_the_commands_of_a_diagnosis_with_another_vehicle(tombo):
-    """The vehicle's name and the model's file stand in the command."""
+    """The vehicle's name and the model's file are in the command."""
     hidden = ["effects.mass_error.fraction=0.15"]
     for seed in (1, 2):
         scenario = load_scenario("survey", hidden, vehicle="px4_x500")

@@ -1,4 +1,4 @@
-"""Progress where standard error is no terminal: a line now and then, none of a short command."""
+"""Progress without a terminal: a line now and then, none of a short command."""
 
 from tombo_bringup.cli import progress
 

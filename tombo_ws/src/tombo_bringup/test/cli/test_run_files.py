@@ -1,4 +1,4 @@
-"""What a run says of itself: version with commit, and the complete scenario."""
+"""Metadata of a run: version with commit, and the complete scenario."""
 
 from __future__ import annotations
 

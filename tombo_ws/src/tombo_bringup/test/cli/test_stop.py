@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: at once, and what is flown is kept, readable, with no process left."""
+"""Ctrl-C and SIGTERM: at once. The flight is kept and readable, and all processes end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`tombo sweep` and `tombo fly --seeds`; what they fly: tombo_flight/test/sweep."""
+"""`tombo sweep` and `tombo fly --seeds`; their flights: tombo_flight/test/sweep."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`tombo up` with fake nodes: what it shows, how it ends, what it leaves."""
+"""`tombo up` with fake nodes: its screen, its end, its files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`tombo vehicle`: what it lists, shows and writes, and a hand calculation that holds it."""
+"""`tombo vehicle`: its lists, views and files, checked by hand calculation."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What has changed in simulated flights of one vehicle: hidden there, found here."""
+"""The change in simulated flights of a vehicle: hidden there, found here."""
 
 from dataclasses import replace
 from functools import cache, partial

@@ -1,4 +1,4 @@
-"""What a flight says of its demand: the same in a hover and in manoeuvres, shaken or not."""
+"""A flight's features of demand: the same in a hover and in manoeuvres, shaken or not."""
 
 import numpy as np
 import pytest

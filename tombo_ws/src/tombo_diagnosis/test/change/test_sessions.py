@@ -1,4 +1,4 @@
-"""Sessions as draws: what is said of synthetic conditions is right as often as it is stated."""
+"""Sessions as draws: answers on synthetic conditions are right as often as stated."""
 
 from dataclasses import replace
 

@@ -120,7 +120,7 @@ def test_set_points_say_what_each_rotor_is_asked_for():
     truth = flight.log["rotor_thrust"][np.searchsorted(flight.t, asked.t[air])]
     wanted = asked.values[air] ** 2
     step = asked.t[1] - asked.t[0]
-    for roll_or_pitch in MODES[1:3]:  # moments that are no thrust's are quicker than 20 ms
+    for roll_or_pitch in MODES[1:3]:  # moments that do not come from thrust are faster than 20 ms
         true, estimate = (
             gaussian_filter1d(x @ roll_or_pitch, 0.02 / step) for x in (truth, wanted)
         )

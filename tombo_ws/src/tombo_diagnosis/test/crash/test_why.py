@@ -1,4 +1,4 @@
-"""What is said of a flight that went wrong: on made-up logs and on real ones."""
+"""The answer on a failed flight: on made-up logs and on real ones."""
 
 from pathlib import Path
 

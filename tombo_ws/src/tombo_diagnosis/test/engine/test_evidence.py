@@ -1,4 +1,4 @@
-"""Evidence in closed form, against the integral that it stands for."""
+"""Evidence in closed form, against its integral."""
 
 import numpy as np
 import pytest

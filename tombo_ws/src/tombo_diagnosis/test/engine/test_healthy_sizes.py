@@ -1,4 +1,4 @@
-"""What may be healthy is no cause: tolerances that are known badly, and causes that are rare."""
+"""A healthy size is not a cause: tolerances that are known badly, and causes that are rare."""
 
 import math
 from dataclasses import dataclass, replace

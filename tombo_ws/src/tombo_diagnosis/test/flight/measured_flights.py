@@ -18,7 +18,7 @@ HEALTHY = {
     for name, values in nominal_model().effects.items()
     if not (REGISTRY[name].contact or REGISTRY[name].vibration)
 }
-"""What the model knows: drag and cushion, and how noisy a sound lab is."""
+"""Knowledge of the model: drag and cushion, and how noisy a sound lab is."""
 NOISES = ("mocap_noise", "imu_noise", "gusts", "thrust_scatter")
 SILENT = {name: values for name, values in HEALTHY.items() if name not in NOISES} | {
     "mocap_latency": {"delay": 0.010}
@@ -101,7 +101,7 @@ def nominal(silent=False):
 
 
 def with_hidden(hidden, base=None):
-    """Return effects with what is hidden laid over them: effect → parameter → value."""
+    """Return effects, updated with the hidden ones: effect → parameter → value."""
     effects = {name: dict(values) for name, values in (base or HEALTHY).items()}
     for name, values in hidden.items():
         effects[name] = {**effects.get(name, {}), **values}
@@ -119,7 +119,7 @@ def fly(effects, course=LIVELY[0], seed=1, length=LENGTH, draws=None, disturbanc
 
 
 def as_log(flown, name="flight 1", sensors="imu_rpm", begin=BEGIN, true_poses=False):
-    """Return what the sensors measured; `true_poses`: at every tick, and without any error."""
+    """Return the sensors' samples; `true_poses`: at every tick, and without any error."""
     t = flown.t
     log = simulated_log(flown, imu=sensors.startswith("imu"), rpm=sensors.endswith("rpm"))
     series = dict(log.series)

@@ -1,4 +1,4 @@
-"""The whole analysis on simulated flights: what is healthy, unknown, named, or can't be told."""
+"""The whole analysis on simulated flights: healthy, unknown, named, or inconclusive."""
 
 from dataclasses import replace
 

@@ -1,6 +1,6 @@
 """Every effect of the registry is hidden in two short flights, and has to be found.
 
-What is hidden is the parameter that these courses show best, changed by its typical size. A new
+The hidden parameter is the most visible one on these courses, changed by its typical size. A new
 effect is taken up by itself.
 """
 

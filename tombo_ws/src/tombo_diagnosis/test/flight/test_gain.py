@@ -1,4 +1,4 @@
-"""What the extended model gains in flights that neither named nor fitted it."""
+"""Gain of the extended model in flights that neither named nor fitted it."""
 
 import math
 from functools import cache, partial

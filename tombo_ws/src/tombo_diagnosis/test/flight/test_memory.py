@@ -1,4 +1,4 @@
-"""Effects with a memory: what they do is followed along the measured motion."""
+"""Effects with a memory: their state follows the measured motion."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the true model leaves of a flight without noise: nearly nothing, in every channel."""
+"""Residual of the true model in a flight without noise: nearly nothing, in every channel."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""What flights can show, and that noise which is in slopes and residuals alike is no evidence."""
+"""Observable parameters; noise common to slopes and residuals is not evidence."""
 
 from dataclasses import replace
 
@@ -68,7 +68,7 @@ def test_thrust_gain_is_not_penalised_by_noise_of_measured_rotor_speeds():
 
 
 def test_no_propeller_is_weaker_than_nothing():
-    """One that is stronger than new is no weak one, however well that would explain the flight."""
+    """A propeller stronger than new is not a weak one, even if that explains the flight."""
     strong = np.array([8.0, -2.0, -3.0, -3.0, 0.0, 0.0, 0.0, 0.0])
     problem = FlightProblem(tracks(draws=strong), nominal())
     place = PLACE["weak_propeller.front_right"]

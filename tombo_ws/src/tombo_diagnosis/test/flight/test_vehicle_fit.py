@@ -1,4 +1,4 @@
-"""A vehicle as its flights show it: what was hidden in them is found, with its interval."""
+"""A vehicle as its flights show it: hidden values are fitted, with their interval."""
 
 import types
 from dataclasses import replace
@@ -99,7 +99,7 @@ def test_rotors_that_differ_from_flight_to_flight_are_healthy(base):
 
 
 def test_a_change_of_a_fitted_vehicle_is_still_found(fitted):
-    """What is usual of healthy flights does not swallow a tenth more mass."""
+    """The spread of healthy flights does not hide a tenth more mass."""
     laden = logs(HIDDEN | {"mass_error": {"fraction": 0.12}}, seed=2, count=1)
     file = fitted.file
     diagnosis = diagnose(held_against(laden, file), nominal_model(vehicle=file))
@@ -107,7 +107,7 @@ def test_a_change_of_a_fitted_vehicle_is_still_found(fitted):
 
 
 def test_a_propeller_of_a_radius_gets_the_thrust_that_carries_the_airframe():
-    """Usual propellers within a factor of two; with rotor speeds, what the flights show."""
+    """Usual propellers within a factor of two; with rotor speeds, the values of the flights."""
     for name in ("crazyflie_2_1", "px4_x500"):
         file = read_vehicle(name)
         usual = vehicle_of(airframe_of(file)).propeller.k_thrust / file.propeller.k_thrust

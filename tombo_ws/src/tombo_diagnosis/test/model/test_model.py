@@ -1,4 +1,4 @@
-"""An extended model: what goes in, what is refused, and the file it is kept in."""
+"""An extended model: its content, refused input, and its file."""
 
 import math
 from dataclasses import replace

@@ -12,7 +12,7 @@ NOT_JUDGED = InputError("too short")
 
 
 def log_of(name="a", offset_m=0.3, **more):
-    """20 s at 100 Hz: 0.3 m beside a set point that steps at 10 s."""
+    """20 s at 100 Hz: 0.3 m from a set point that steps at 10 s."""
     t = np.arange(0.0, 20.0, 0.01)
     wanted_t = np.array([0.0, 10.0])
     wanted = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0]])

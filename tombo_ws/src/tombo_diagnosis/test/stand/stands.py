@@ -1,4 +1,4 @@
-"""Stands of the tests: what they impose and read."""
+"""Stands of the tests: their inputs and readings."""
 
 import numpy as np
 

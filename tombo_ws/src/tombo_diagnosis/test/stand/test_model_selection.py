@@ -148,7 +148,7 @@ def test_runs_that_agree_are_reported_to():
 
 
 def test_levels_of_runs_keep_speed_noise_from_taking_their_place():
-    """The gate: beside noise that was made to fit, a level for each run still explains more."""
+    """The gate: with noise made to fit, a level for each run still explains more."""
     problem = StandProblem(again(0.1)(1, 0))
     noise = fit_hypotheses(problem, (Hypothesis("speed_noise", (), 4.0),))
     left, alone = (fit_residual_curves(problem, noise.fit, by_run) for by_run in (True, False))

@@ -1,4 +1,4 @@
-"""Tables of a stand: units, mappings, plateaus; and what is said where they can't be used."""
+"""Tables of a stand: units, mappings, plateaus; and the message where they can't be used."""
 
 import math
 
@@ -24,7 +24,7 @@ def write(path, header, *columns):
 
 
 def read_mapped(path, mapping, header, *columns):
-    """Read a table that is written beside the text of its mapping."""
+    """Read a table with the text of its mapping."""
     (path / "m.yaml").write_text(mapping)
     return read_stand(write(path / "a.csv", header, *columns), str(path / "m.yaml"))
 

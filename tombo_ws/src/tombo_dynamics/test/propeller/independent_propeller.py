@@ -105,7 +105,7 @@ def moduli(conf: int, fibres: int | None = None, fibre_shear: float = 75.0) -> t
 
 
 def residual(conf: int, speed: float, law: str, angles: tuple[float, ...]) -> np.ndarray:
-    """What is left of the equations of the laws repaired and consistent at alpha, beta, gamma."""
+    """Residuals of the equations of the laws `repaired` and `consistent` at alpha, beta, gamma."""
     alpha, beta, gamma = angles
     e, g = (1e6 * m for m in moduli(conf))
     q, pull = AIR * speed**2, M_W * speed**2 * X_C / 4.0

@@ -1,4 +1,4 @@
-"""Bad input of the propeller is refused in one line, which names it and what is accepted."""
+"""Bad input of the propeller is refused in one line, with its name and the accepted values."""
 
 import math
 from collections.abc import Callable

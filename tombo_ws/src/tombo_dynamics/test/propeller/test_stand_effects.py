@@ -1,4 +1,4 @@
-"""What can be wrong on a stand: every effect adds nothing at null, and does what it says."""
+"""Faults of a stand: every effect adds nothing at null, and does what it says."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_inflow_takes_thrust_and_costs_torque_even_of_a_rigid_propeller():
     loss = air[1:, 0] / base[1:, 0]
     assert np.allclose(loss, loss[0], rtol=1e-6)  # the same share at every speed
     assert np.all(air[1:, 1] / base[1:, 1] > loss)
-    # induced power: torque holds T v_i / omega beside the turned section's drag
+    # induced power: torque has T v_i / omega in addition to the turned section's drag
     speed, thrust = SPEED[-1], air[-1, 0]
     induced = 0.4 * np.sqrt(thrust / (2 * 1.2041 * np.pi * 0.1111**2)) * thrust / speed
     assert 0.0 < induced < air[-1, 1]

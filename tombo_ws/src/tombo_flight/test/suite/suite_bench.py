@@ -95,12 +95,12 @@ def marked(tmp_path: Path) -> Iterator[Marked]:
 
 
 def names(folder: Path) -> set[str]:
-    """The names of what is in a folder."""
+    """The names of the files of a folder."""
     return {path.name for path in folder.iterdir()}
 
 
 def read_terminal(ours: int) -> bytes:
-    """What a pseudo terminal shows until its other side is closed; closes this side."""
+    """Output on a pseudo terminal until its other side is closed; closes this side."""
     shown = b""
     with contextlib.suppress(OSError):  # the other side is closed
         while data := os.read(ours, 65536):

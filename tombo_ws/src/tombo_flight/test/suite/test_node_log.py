@@ -1,4 +1,4 @@
-"""Following a node's log: what is shown, and how much of it."""
+"""Following a node's log: the lines shown, and their number."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from tombo_flight.suite.parameter_yaml import SECTIONS, parameter_yaml, suite_pa
 
 CONFIG = Path(__file__).parents[5] / "tombo_ws/src/tombo_bringup/config/suite.yaml"
 NO_PARAMETER = {"name", "description", "duration", "model"}
-"""What is not a parameter of a node: names, and when `tombo fly` ends."""
+"""Values that are not parameters of a node: names, and when `tombo fly` ends."""
 
 
 def flat(values: dict[str, Any], above: str = "") -> dict[str, Any]:

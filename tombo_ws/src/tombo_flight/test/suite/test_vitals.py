@@ -1,4 +1,4 @@
-"""What the nodes say on /diagnostics, and how it is shown."""
+"""Reports of the nodes on /diagnostics, and their table."""
 
 from __future__ import annotations
 

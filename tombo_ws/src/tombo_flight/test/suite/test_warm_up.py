@@ -1,4 +1,5 @@
-"""The rehearsal: all cores run, and what can't fly is refused before a process is started."""
+"""The rehearsal: all cores run, and a vehicle that can't fly is refused before a process
+starts."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def test_a_drawn_design_fills_its_ranges_evenly(kind):
     design = SweepDesign((parse_axis("a=10:20"), parse_axis("b=x,y")), kind, 64)
     points = [design.settings(n) for n in range(64)]
     a = np.array([float(point["a"]) for point in points])
-    # one in each of 64 cells: what both promise, and random numbers do not
+    # one in each of 64 cells: properties of both that random numbers lack
     assert sorted(np.floor((a - 10.0) * 6.4)) == list(range(64))
     assert sum(point["b"] == "x" for point in points) == 32
     assert points == [design.settings(n) for n in range(64)]

@@ -1,4 +1,4 @@
-"""What a sweep says of its flights: by hand, from rows that nobody has flown."""
+"""Results of a sweep: by hand, from rows that nobody has flown."""
 
 from __future__ import annotations
 

@@ -26,12 +26,12 @@ RESULT_FILES = (
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Give a path to write to; what is written takes the place of `path` at the end.
+    """Give a path to write to; the written file replaces `path` at the end.
 
     After an error nothing new is left.
 
     Raises:
-        OSError: it can't be written, or is no file, as a device or a folder.
+        OSError: it can't be written, or is not a file but a device or a folder.
     """
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "it is no file", str(path))
@@ -137,8 +137,8 @@ class OutputFolder:
         """Move the written files into the folder, in place of those of an earlier run.
 
         Raises:
-            InputError: another program has filled the folder meanwhile; the results are then in
-                a numbered folder beside it.
+            InputError: another program has filled the folder meanwhile; the results are then in a
+            numbered folder next to it.
             OSError: it can't be written any more.
         """
         if not self._inside:
@@ -185,7 +185,7 @@ class OutputFolder:
             remove_empty(self._made)
 
     def _make_staging(self) -> Path:
-        """Make the hidden folder: inside the target if that is there, else beside it."""
+        """Make the hidden folder: inside the target if that exists, else in its parent folder."""
         if self._inside:
             staging = self._target / f".tombo-{secrets.token_hex(4)}"
         else:
@@ -225,7 +225,7 @@ class OutputFolder:
         return path == getattr(self, "staging", None)
 
     def full(self, error: OSError) -> InputError:
-        """Return what is said when the disk is full."""
+        """Return the message for a full disk."""
         written = sum(p.stat().st_size for p in self.staging.rglob("*") if p.is_file())
         free = shutil.disk_usage(self.staging).free
         return InputError(

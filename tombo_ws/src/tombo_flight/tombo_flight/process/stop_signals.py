@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as requests to stop: the flight ends, what was flown is kept."""
+"""Ctrl-C and SIGTERM as requests to stop: the flight ends, and its data are kept."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class StopSignals:
 
     @property
     def exit_code(self) -> int:
-        """What a shell expects of a process that ended because of the signal; 0 without one."""
+        """Exit code that a shell expects of a process ended by the signal; 0 without one."""
         return 128 + self.number if self.number else 0
 
     @contextmanager

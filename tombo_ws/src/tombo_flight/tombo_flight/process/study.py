@@ -19,7 +19,7 @@ from tombo_flight.scenario import Scenario
 FlightRow = dict[str, Any]
 """What is kept of a flight; `error` says why one could not be flown."""
 _CLUSTER_WORKERS = 64
-"""Of a cluster, whose size may change: for so many the flights are divided."""
+"""Of a cluster, whose size may change: the number of parts of the flights."""
 _BATCHES = 24
 """Batches that each worker gets at least, so that all end at about the same time."""
 _LARGEST_BATCH = 64
@@ -44,15 +44,15 @@ class FlownStudy(Protocol):
         ...
 
     def scenario_at(self, point: Any, /) -> Scenario:
-        """Return what is flown at a point.
+        """Return the flight of a point.
 
         Raises:
-            InputError: it is no scenario.
+            InputError: it is not a scenario.
         """
         ...
 
     def figures(self, flight: Flight, scenario: Scenario, /) -> FlightRow:
-        """Return what is kept of a flight."""
+        """Return the kept data of a flight."""
         ...
 
 

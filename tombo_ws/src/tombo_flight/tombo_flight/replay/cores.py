@@ -73,7 +73,7 @@ class Inputs:
         return not (times % TICK_NS).any() and np.array_equal(times, table["stamp_ns"])
 
     def stream(self, topic: str) -> Stream:
-        """Return what was recorded of a topic.
+        """Return the recorded messages of a topic.
 
         Raises:
             InputError: it has another type.
@@ -98,7 +98,7 @@ class Inputs:
 
 
 def through_cores(inputs: Inputs) -> tuple[Outputs, dict[str, dict[str, Any]]]:
-    """Return what the cores publish, and figures by node."""
+    """Return the messages of the cores, and figures by node."""
     outputs = Outputs()
     figures: dict[str, dict[str, Any]] = {}
     for node in inputs.nodes:
@@ -117,7 +117,7 @@ def through_cores(inputs: Inputs) -> tuple[Outputs, dict[str, dict[str, Any]]]:
 
 
 def replayed(inputs: Inputs, node: str) -> tuple[Core, Published, Counter[str]]:
-    """Return the core of a node behind its inputs, what it publishes, and what it reported."""
+    """Return the core of a node after its inputs, its messages, and its reports."""
     core = core_of(NODES[node].core, inputs.scenario)
     streams = {topic: _stream(inputs, topic) for topic in core.inputs}
     if inputs.is_paced_by_ticks():
@@ -148,7 +148,7 @@ def replay_core(
         steps: times at which it is stepped besides.
 
     Returns:
-        what it publishes, and how often it reported what.
+        its messages, and the count of each report.
     """
     topics = list(streams)
     published: Published = []
@@ -232,7 +232,7 @@ def _events(published: Published) -> list[DetectedEvent]:
 
 
 def _figures(core: Core, reported: Counter[str]) -> dict[str, Any]:
-    """Return what a core has counted."""
+    """Return the counters of a core."""
     figures = {key: core.health.values[key] for key in ("poses",) if key in core.health.values}
     for kind in ("pose", "event"):
         refused = {

@@ -194,7 +194,7 @@ class Context:
 def metrics_of(
     node: str, recorded: Outputs, replayed: Outputs, context: Context
 ) -> tuple[Metrics, list[str]]:
-    """Return a node's figures, and what is beyond the tolerances, a line each."""
+    """Return a node's figures, and a line for each figure beyond its tolerance."""
     more = _MORE.get(node)
     metrics, differing = ({}, []) if more is None else more(recorded, replayed, context)
     for compared in COMPARED.get(node, ()):

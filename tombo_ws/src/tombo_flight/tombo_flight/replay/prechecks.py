@@ -22,7 +22,7 @@ _CLEARER = 1.7
 _FLIES = 0.3
 """Correlation of horizontal acceleration with g tan(tilt), above which the tilt makes it."""
 _MOVING = 0.15
-"""m/s^2: below, the vehicle has hardly moved and tilt tells nothing."""
+"""m/s^2: below, the vehicle has hardly moved and tilt shows no axis."""
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 

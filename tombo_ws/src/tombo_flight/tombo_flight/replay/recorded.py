@@ -1,4 +1,4 @@
-"""What a replay takes from a recording: parameters, the clock of the nodes, poses."""
+"""Data that a replay takes from a recording: parameters, the clock of the nodes, poses."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _count(topics: Mapping[str, TopicSummary], name: str) -> int:
 
 
 def _clock_offset_ns(raw: RawMessages) -> float:
-    """Return how far some stamps are ahead of log times; a header's stamp stands in front."""
+    """Return how far some stamps are ahead of log times; the stamp of a header comes first."""
     some = slice(0, None, len(raw.messages) // _SOME + 1)
     ahead = [
         seconds * SECOND_NS + rest - log

@@ -56,7 +56,7 @@ class ReplayRequest:
 
 @dataclass
 class Replay:
-    """What came out."""
+    """The results."""
 
     bag: Path
     begin_ns: int = 0
@@ -67,7 +67,7 @@ class Replay:
     findings: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
     differences: list[str] = field(default_factory=list)
-    """What is beyond the tolerances."""
+    """Figures beyond the tolerances."""
     recorded: Outputs = field(default_factory=Outputs)
     replayed: Outputs = field(default_factory=Outputs)
     seconds: float = 0.0

@@ -57,7 +57,7 @@ def inline_svg(figure: Figure, name: str) -> str:
 
     Args:
         figure: its background is left out.
-        name: what it shows, for those who can't see it; plain text.
+        name: description, for readers who can't see it; plain text.
     """
     import matplotlib as mpl
 

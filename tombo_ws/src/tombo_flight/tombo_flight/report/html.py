@@ -33,7 +33,7 @@ def write_page(path: Path, page: Page) -> None:
 
 
 def asset(name: str) -> str:
-    """Return the text of a file beside the template."""
+    """Return the text of a file in the template's folder."""
     return (resources.files(__package__) / "assets" / name).read_text(encoding="utf-8")
 
 

@@ -114,8 +114,8 @@ def reaction_words(name: str) -> str | None:
 def find_milestones(flight: Flight) -> FlightMilestones:
     """Find the milestones of a flight in its summary, its events and its ground truth.
 
-    A flight that was interrupted, has no contact, or crashes has milestones too, with None for
-    those that did not happen.
+    An interrupted flight, one without contact and a crash have milestones too: None for events
+    that did not happen.
     """
     summary = flight.summary
     contact_s, known_s = summary["collision_time_s"], summary["contact_known_s"]

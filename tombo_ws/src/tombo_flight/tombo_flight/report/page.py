@@ -1,4 +1,4 @@
-"""A page of results: what a command has to say, once, whatever shows it.
+"""A page of results: the result of a command, for terminal, JSON and page.
 
 Renderers: `html.page_html` for a browser, `terminal.print_page` for a terminal, `page_json` for
 programs. All texts are plain; a renderer escapes them.
@@ -68,12 +68,12 @@ class TableRow:
 
 
 def cell_of(cell: str | Cell) -> Cell:
-    """Return a cell of a table, of which a text may stand for one."""
+    """Return a cell of a table; a text becomes a cell."""
     return cell if isinstance(cell, Cell) else Cell(cell)
 
 
 def row_of(row: TableRow | Sequence[str | Cell]) -> TableRow:
-    """Return a row of a table, of which its cells may stand for one."""
+    """Return a row of a table; a sequence of cells becomes a row."""
     return row if isinstance(row, TableRow) else TableRow(row)
 
 
@@ -166,7 +166,7 @@ class Page:
     cards: Sequence[Card] = ()
     footer: str = ""
     verdict: str = ""
-    """Badge beside the eyebrow."""
+    """Badge next to the eyebrow."""
     verdict_style: str = ""
     """good, warn or bad."""
     css: str = ""

@@ -23,7 +23,7 @@ SMALL: Final = 7.8
 """Size of the words inside a panel, points."""
 BEFORE_S: Final = 2.0
 AFTER_S: Final = 6.0
-"""What the zoomed column shows before and after the contact."""
+"""Time that the zoomed column shows before and after the contact."""
 _DASHES: Final[Any] = (0, (4, 2))
 
 
@@ -61,7 +61,7 @@ class Panel:
         dashed: bool = False,
         zorder: float = 2.0,
     ) -> None:
-        """Draw a column of the log, (N,), thinned to what the panel can show."""
+        """Draw a column of the log, (N,), thinned to the panel's resolution."""
         t, y = envelope(self.flight.t[self.cut], y[self.cut], self.window.buckets)
         self.axes.plot(
             t - self.window.zero_s,
@@ -123,7 +123,7 @@ class Panel:
 
 
 def zoom_around(mark_s: float) -> tuple[float, float]:
-    """Start and end of what the zoomed column shows."""
+    """Start and end of the zoomed column."""
     return max(0.0, mark_s - BEFORE_S), mark_s + AFTER_S
 
 

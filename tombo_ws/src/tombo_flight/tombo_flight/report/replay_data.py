@@ -1,4 +1,4 @@
-"""What the 3-D replay shows: thinned columns, milestones, and the shapes of the vehicle."""
+"""Data of the 3-D replay: thinned columns, milestones, and the shapes of the vehicle."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class DrawnAirframe:
 
     @classmethod
     def of(cls, scenario: Mapping[str, Any]) -> DrawnAirframe:
-        """The airframe of a scenario as flown; what it does not say is the default vehicle's."""
+        """The airframe of a scenario as flown; missing values are the default vehicle's."""
         given = scenario.get("vehicle") or {}
         return cls(**{f.name: given[f.name] for f in fields(cls) if f.name in given})
 
@@ -116,7 +116,7 @@ def flight_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]
 
 
 def milestones_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]:
-    """Data of the scripts beside the columns, ready for JSON."""
+    """Data of the scripts, without the columns, ready for JSON."""
     obstacle = milestones.obstacle
     return {
         **scene_block(flight.scenario),

@@ -15,7 +15,7 @@ INK: Final = "#1B2733"
 MUTED: Final = "#66737F"
 FAINT: Final = "#D9DFE4"
 UNCHANGED: Final = "#8A97A3"
-"""What is the same before and after."""
+"""Values that are equal before and after."""
 PAPER: Final = "#FFFFFF"
 
 FRONT_LEFT: Final = VERMILLION

@@ -3,8 +3,8 @@
     python -I -S guard.py < PIPE
 
 Reads process groups from a pipe whose other end is the supervisor's, `PID` a line, `-PID` once a
-group is gone. When the pipe closes, the nodes have got their SIGINT (see `launcher`); those
-that still run 2 s later are ended.
+group is gone. When the pipe closes, the nodes have got their SIGINT (see `launcher`); groups that
+still run 2 s later are ended.
 """
 
 from __future__ import annotations

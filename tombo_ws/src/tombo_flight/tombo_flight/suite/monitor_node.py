@@ -51,7 +51,7 @@ _EVERY_NODE = 100
 
 
 def _typed() -> str:
-    """Return what has come on standard input; nothing where it is closed."""
+    """Return the lines of standard input; nothing where it is closed."""
     ready, _, _ = select.select([0], [], [], 0.0)
     return os.read(0, 4096).decode("utf-8", "replace") if ready else ""
 
@@ -73,7 +73,7 @@ class Monitor:
         return [*self.changes(), *refused, *self._requests.answers()]
 
     def changes(self) -> list[dict[str, Any]]:
-        """Return what has come since the last call."""
+        """Return the messages since the last call."""
         found: list[dict[str, Any]] = [
             {"diagnostics": [plain_status(status) for status in taken.message.status]}
             for taken in self._diagnostics.take()

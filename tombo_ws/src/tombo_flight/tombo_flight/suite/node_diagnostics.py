@@ -141,7 +141,7 @@ def recorded_diagnostics(recording: Recording) -> NodeDiagnostics:
 def node_metrics(recording: Recording) -> dict[str, Any]:
     """Return the loops, the latency through all nodes and the recorder's count, for a summary.
 
-    What was not reported is None. In lockstep no loop runs by a clock, and none is returned.
+    Values not reported are None. In lockstep no loop runs by a clock, and none is returned.
     """
     node_diagnostics = recorded_diagnostics(recording)
     loops = dict(_loops(node_diagnostics))

@@ -208,7 +208,7 @@ def over_mavlink(px4: Px4Connection) -> dict[str, Any]:
 
 
 def _monitor_arguments(px4: Px4Connection | None) -> tuple[str, ...]:
-    """Return what the monitor is to tell: the arguments of `monitor_node`."""
+    """Return the monitor's reports: the arguments of `monitor_node`."""
     if px4 is None:
         return ("--flight",)
     return ("--flight", "--px4", *(() if px4.simulated else ("--mocap",)))
@@ -228,7 +228,7 @@ class _FlownByNodes:
 
 
 def _metadata(scenario: Scenario, seed: int, mode: str) -> dict[str, dict[str, str]]:
-    """Return what the recorder writes beside the messages, as a headless flight does."""
+    """Return the metadata of the recorder, as in a headless flight."""
     flown = as_flown(scenario, seed, begin(world_of(scenario), seed))
     return {
         FLIGHT_METADATA: {

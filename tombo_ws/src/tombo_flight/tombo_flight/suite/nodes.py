@@ -54,7 +54,7 @@ HOST = "tombo_flight.suite.core_node"
 
 
 def node_module(core: type[Core]) -> str:
-    """Return the module of the node that hosts a core: it stands beside it, or is the host."""
+    """Return the module of the node that hosts a core: it runs next to it, or is the host."""
     beside = core.__module__.removesuffix("_core") + "_node"
     return HOST if find_spec(beside) is None else beside
 

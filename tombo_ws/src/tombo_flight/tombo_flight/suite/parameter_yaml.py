@@ -27,7 +27,7 @@ SECTIONS: Final[dict[str, tuple[str, ...]]] = {
 """Node → the sections that it has as parameters."""
 
 BRIDGE_SECTIONS: Final = ("vehicle", "volume", "safety")
-"""Those of the bridge, which stands for estimator and controller over PX4."""
+"""Parameters of the bridge, which replaces estimator and controller over PX4."""
 
 _WHOLE = ("safety", "volume", "spread")
 """Sections that a scenario's mapping leaves defaults out of."""
@@ -110,7 +110,7 @@ def several_parameters(
 
 
 def bridge_parameters(scenario: Scenario) -> dict[str, Any]:
-    """Return what the bridge to PX4 has of a scenario."""
+    """Return the parameters of the PX4 bridge from a scenario."""
     return {section: asdict(getattr(scenario, section)) for section in BRIDGE_SECTIONS}
 
 
@@ -121,7 +121,7 @@ def parameter_yaml(parameters: Mapping[str, Mapping[str, Any]], comment: str = "
 
     Args:
         parameters: node → parameter → value, nested; a name with a slash is of one namespace.
-        comment: stands at the top, line by line.
+        comment: is at the top, line by line.
     """
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     for node, values in parameters.items():

@@ -25,7 +25,7 @@ _RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {
 }
 """Sections of the bridge's parameters."""
 _PX4_PARAMETERS: Final = "px4_parameters"
-"""The bridge's list of what it sets in PX4."""
+"""The bridge's list of parameters that it sets in PX4."""
 _HERE: Final = "127.0.0.1"
 _GYRO_HZ: Final = 250.0
 """Rate of the attitude loop."""
@@ -123,7 +123,7 @@ def _writes(given: Any) -> tuple[str, ...]:
     """Return the assignments of PX4's parameters.
 
     Raises:
-        InputError: they are no list of NAME=VALUE.
+        InputError: they are not a list of NAME=VALUE.
     """
     if isinstance(given, str):
         given = [given]
@@ -160,7 +160,7 @@ def link_key(link: LinkParams) -> bytes | None:
     """Return the signing key; None without one.
 
     Raises:
-        InputError: its file can't be read, or is no key.
+        InputError: its file can't be read, or is not a key.
     """
     return read_key(link.key_file, lambda warning: None)
 
@@ -221,8 +221,8 @@ def find_vehicle(
         The vehicle, None if it was stopped before.
 
     Raises:
-        InputError: the link can't be opened, or there is no vehicle or another one, or it does
-            not know a parameter.
+        InputError: the link can't be opened; the vehicle is missing or another one; or it does not
+        know a parameter.
     """
     link = Link(
         params.url,
@@ -317,7 +317,7 @@ def _parse_heartbeat(heartbeat: Any, system: int, component: int) -> Vehicle:
 def _no_vehicle_text(
     link: Link, params: LinkParams, patience_s: float, others: set[tuple[int, int]]
 ) -> str:
-    """Say in one line why there is no vehicle."""
+    """Return in one line why the vehicle is missing."""
     wanted = f"system {params.system}, component {params.component}"
     if others:
         listed = ", ".join(f"{s}/{c}" for s, c in sorted(others))

@@ -96,7 +96,7 @@ class BridgeMonitor:
             now_s: any clock that goes on.
             over: the flight is over.
             airborne: the vehicle has left the ground.
-            bridge: what the bridge says on `/diagnostics`; None: nothing yet.
+            bridge: the bridge's values on `/diagnostics`; None: nothing yet.
         """
         self._now_s = now_s
         self._phase = phase
@@ -127,7 +127,7 @@ class BridgeMonitor:
         return phase == Phase.LANDED or self._status.get("stage") == _GIVEN_UP
 
     def _failure_text(self, fault: str) -> str:
-        """Return what the bridge knows of it; PX4's last words only where it knows nothing."""
+        """Return the bridge's values of it; PX4's last words only where it knows nothing."""
         said = self.loss or self._ended_because or fault
         status = self._status
         return str(said or status["status_text"] or status["why"] or "PX4 disarmed it")
@@ -152,7 +152,7 @@ class BridgeMonitor:
 
 
 def px4_metrics(recording: Recording, flight: Flight) -> dict[str, Any]:
-    """Return what the summary says about PX4; what was not reported is None."""
+    """Return the summary's section on PX4; values not reported are None."""
     status = flight.topics.get(PX4_STATUS.name, Topic())
     bridge = recorded_diagnostics(recording).nodes.get("px4_bridge")
     values = {} if bridge is None else bridge.values

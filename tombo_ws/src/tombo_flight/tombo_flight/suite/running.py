@@ -121,7 +121,7 @@ class SuiteConfig:
 
 @dataclass(frozen=True)
 class SuiteUpdate:
-    """What is new since the last look.
+    """Changes since the last call.
 
     Attributes:
         ended: nodes that ended by themselves.
@@ -129,7 +129,7 @@ class SuiteUpdate:
         flight: the newest state of the flight, as the monitor tells it; None: no news. Of several
             vehicles that of one of them.
         px4: the newest state of the bridge to PX4; None: no news.
-        answers: what came of requests to the mission: request, success, message.
+        answers: results of requests to the mission: request, success, message.
     """
 
     ended: list[ProcessExit]
@@ -236,7 +236,7 @@ class RunningSuite:
                 os.kill(pid, number)
 
     def stop(self) -> list[ProcessExit]:
-        """End the nodes, and return those that did not end well when asked to."""
+        """End the nodes, and return the nodes that did not end cleanly."""
         return [end for end in self._supervisor.stop() if end.code != 0 and end.name != MONITOR]
 
 

@@ -34,9 +34,9 @@ class SuiteState:
 
     Attributes:
         names: of its nodes, in the order in which they are shown.
-        pids: of those that run.
-        ended: those that have ended.
-        node_diagnostics: what the nodes say.
+        pids: of the running nodes.
+        ended: the ended nodes.
+        node_diagnostics: reports of the nodes.
         now_s: on the clock of `node_diagnostics`.
         uptime_s: since the start.
         flights: vehicle → its phase and height_m, and their age [s]; the name is empty where there
@@ -119,7 +119,7 @@ def status_table(suite: SuiteState) -> Group:
 
 
 def status_line(suite: SuiteState) -> str:
-    """Return the suite in one line: how many run, what is wrong."""
+    """Return the suite in one line: number of running nodes, and faults."""
     nodes = suite.nodes()
     running = [node for node in nodes.values() if node["pid"] is not None]
     figures = [figure(loop, "missed") for node in running for loop in node["loops"].values()]

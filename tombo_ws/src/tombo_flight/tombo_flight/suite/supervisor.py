@@ -1,6 +1,6 @@
 """Starts programs, watches them, and ends all of them with the supervisor.
 
-Each runs in a session of its own, so Ctrl-C reaches it once and through the supervisor. Nothing is
+Each runs in a session of its own, so Ctrl-C reaches it once and through the supervisor. No node is
 restarted: a flight with a node that came back is another experiment.
 """
 

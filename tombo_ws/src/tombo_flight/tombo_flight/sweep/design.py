@@ -99,8 +99,8 @@ class SweepDesign:
         """Refuse a design that has no points.
 
         Raises:
-            InputError: unknown kind, a key or a value twice, a range or a distribution in a full
-                design, no such distribution, or samples that do not fit.
+            InputError: unknown kind; a repeated key or value; a range or a distribution in a full
+            design; an unknown distribution; or samples that do not fit.
         """
         if self.kind not in DESIGNS:
             raise unknown_name("--design", self.kind, DESIGNS)

@@ -32,7 +32,7 @@ def fly_sweep(
         workers: processes of this machine; the cores that this process may use if None.
         scheduler: address of a Dask scheduler, in place of processes of this machine.
         progress: told the progress.
-        stop: asked now and then; True ends it, with what was flown on disk.
+        stop: asked now and then; True ends it, with the finished flights on disk.
         page: make page and result, too.
 
     Returns:

@@ -1,7 +1,7 @@
 """The folder of a sweep: one process flies in it, and it goes on after a kill.
 
 Each batch of flights is a Parquet file in `parts/` as soon as it is flown; at the end all are
-joined to `flights.parquet`. What is in the table does not depend on how often it was stopped.
+joined to `flights.parquet`. The table does not depend on the number of interruptions.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ PARTS = "parts"
 KEY = "flight"
 """Column of the number of a flight."""
 OUTCOME = "outcome"
-"""Key of the head that is no part of the study, as is `RESULT`."""
+"""Key of the head that does not belong to the study, like `RESULT`."""
 RESULT = "result"
 _UNITS = {"rad": "rad", "m": "m", "s": "s", "n": "N"}
 """Ending of a figure's name → unit."""
@@ -270,7 +270,7 @@ def _is_begun(folder: Path, study: SweepStudy) -> bool:
 
 
 def read_head(folder: Path) -> dict[str, Any]:
-    """Return what the file of a sweep says.
+    """Return the content of a sweep's file.
 
     Raises:
         InputError: it can't be read.

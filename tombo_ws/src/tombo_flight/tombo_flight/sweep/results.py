@@ -1,4 +1,4 @@
-"""What came out of a sweep, as plain values and as cells of tables."""
+"""Results of a sweep, as plain values and as cells of tables."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class SweepFlights:
             `points`: of each point of a full design what is varied, the command of its first
             flight, and `flight_statistics`; `settings`: crash rate for each value of each setting;
             `decides`: rank correlation of each setting that is a number with figures; `worst`:
-            flight, seed, what is varied, command; `not_flown`: how many, and the reason of the
+            flight, seed, varied values, command; `not_flown`: how many, and the reason of the
             first; `outcome` in a line.
         """
         study, errors = self.study, self.errors
@@ -163,7 +163,7 @@ class SweepFlights:
 
 
 def setting_words(varied: Mapping[str, str]) -> str:
-    """Return what is varied at a point, in words."""
+    """Return a text of the varied values of a point."""
     return ", ".join(v if key == CASE else f"{key} = {v}" for key, v in varied.items()) or "all"
 
 

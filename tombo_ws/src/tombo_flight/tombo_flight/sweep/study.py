@@ -1,4 +1,4 @@
-"""A sweep as data: its cases, what is varied, the flight of a number, the columns of its table."""
+"""A sweep as data: its cases, varied keys, the flight of a number, the columns of its table."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tombo_flight.version import tombo_version
 from tombo_flight.yaml_file import mapping_of
 
 COLLISIONS = "collisions"
-"""The cases that come with the suite, beside this module."""
+"""The cases that come with the suite, in this module's folder."""
 CASE = "case"
 """Column of the case, where there is more than one."""
 REACTION = "reaction.name"
@@ -53,7 +53,7 @@ FIGURES: Mapping[str, str] = {
 }
 """Figures of a summary (docs/figures.md) → kind of their column."""
 LEFT_OUT = ("tombo_version", "model", "seed", "recorded_messages")
-"""Keys of a summary that are the same for all flights, or stand in columns of their own."""
+"""Keys of a summary that are equal for all flights, or have separate columns."""
 WALL_COLUMNS = ("wall_time_s", "real_time_factor")
 """What differs between two sweeps of the same study."""
 _AXES = ("x", "y", "z")
@@ -103,7 +103,7 @@ MOST_FLIGHTS = 10_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class SweepStudy:
-    """Cases, what is varied, and the seeds that each point is flown with.
+    """Cases, varied keys, and the seeds of each point.
 
     The points of the first case come first, and of each point all its seeds. A drawn design has
     other seeds at each point, so that its flights are independent of each other.
@@ -155,7 +155,7 @@ class SweepStudy:
         return point, self.seeds[0] + seed
 
     def varied(self, point: int) -> dict[str, str]:
-        """Return what is varied → its value at a point, as texts."""
+        """Return varied key → its value at a point, as texts."""
         case, number = divmod(point, self.design.points)
         named = {CASE: self.cases[case].name} if len(self.cases) > 1 else {}
         return named | self.design.settings(number)
@@ -169,10 +169,10 @@ class SweepStudy:
         ]
 
     def scenario_at(self, point: int) -> Scenario:
-        """Return what is flown at a point.
+        """Return the flight of a point.
 
         Raises:
-            InputError: it is no scenario.
+            InputError: it is not a scenario.
         """
         case, settings = self._case_and_settings(point)
         return with_settings(dict(case.values), settings, case.label)
@@ -208,7 +208,7 @@ class SweepStudy:
         )
 
     def as_mapping(self) -> dict[str, Any]:
-        """Return it in the types of JSON: what `sweep.json` says of what is flown."""
+        """Return it in the types of JSON: the description of the flights in `sweep.json`."""
         values: dict[str, Any] = plain(asdict(self))
         return {**values.pop("design"), **values}
 

@@ -64,7 +64,7 @@ def test_an_imu_that_contradicts_the_poses_is_left_out(channel, change, check, t
 
 
 def test_the_axes_it_suggests_are_the_right_ones():
-    """What the message says to write, written, is accepted."""
+    """The mend of the message is accepted."""
     off = with_values(FLIGHT, "gyro", lambda w: w[:, [1, 0, 2]] * [-1, 1, 1])
     off = with_values(off, "accel", lambda a: a[:, [1, 0, 2]] * [-1, 1, 1])
     (fault,) = [f for f in check_log(off).findings if f.severity == "fault"]
@@ -147,7 +147,7 @@ def test_ned_for_enu_is_refused_also_in_hover(width, channels):
 
 
 def sunk(log):
-    """What is left of a flight from its hover on, which then goes 0.6 m lower; motors hold it."""
+    """A flight from its hover on, which then goes 0.6 m lower; motors hold it."""
     drop = 0.6 * smooth_step(np.arange(0.0, 40.0, 0.01) - 2.0)
     series = {}
     for name, s in log.series.items():
@@ -169,7 +169,7 @@ def test_a_flight_that_begins_in_a_steady_hover_and_goes_lower_is_none(only_pose
 
 
 def corded(along, stiffness=2.5):
-    """Poses of a flight whose pace rises, held by a cord of so much force per mass and metre."""
+    """Poses of a flight of rising speed on a cord, by its force per mass and metre."""
     t = np.arange(0.0, 20.0, 0.01)
     rng = np.random.default_rng(4)
     phase = 0.6 * (t + 0.012 * t**2)
@@ -203,7 +203,7 @@ def test_effects_of_the_registry_are_no_contradictions():
 
 @pytest.mark.parametrize("lean", [0.0, 19.0])
 def test_rates_about_the_axes_of_map_are_turned_into_the_body(lean):
-    """Leaning into wind all the time, too: that is no turn of the rigid body."""
+    """Leaning into wind all the time, too: that is not a turn of the rigid body."""
     into = Rotation.from_euler("y", lean, degrees=True)
     gyro, q = FLIGHT.series["gyro"], FLIGHT.series["attitude"]
     leaning = (Rotation.from_quat(q.values) * into).as_quat()

@@ -7,7 +7,7 @@ from tombo_logs.checks import check_log
 
 
 def complaints(log):
-    """Return what is wrong; that a channel is absent is said of every log without it."""
+    """Return the findings; that a channel is absent is said of every log without it."""
     said = [f for f in log.findings if f.check != "missing"]
     return [f.message for f in said if f.severity != "info" or f.check == "frame"]
 

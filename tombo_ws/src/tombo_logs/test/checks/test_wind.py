@@ -48,7 +48,7 @@ def flight(steady=(0.0, 0.0), swing=0.0, lean=0.0, offset=0.0, map_rates=False):
 
 
 def said(log):
-    """What is said of wind."""
+    """Findings on wind."""
     return " ".join(f.message for f in check_log(log).findings if f.check == "wind")
 
 

@@ -1,6 +1,6 @@
 """Tables as other projects write them, of a flight that is made from a formula.
 
-What they hold is turned here by hand into their axes, units and names.
+Their content is turned here by hand into their axes, units and names.
 """
 
 import numpy as np

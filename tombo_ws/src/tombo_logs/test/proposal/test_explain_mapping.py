@@ -41,7 +41,7 @@ FLOWN = {
 
 @pytest.mark.slow
 def test_a_crazyflies_table_gives_back_its_flight(tmp_path):
-    """Its own estimate is no motion capture; its weight is not in the file."""
+    """Its own estimate is not a motion capture; its weight is not in the file."""
     text, log = proposed(tmp_path / "a.csv", tables.crazyflie())
     for channel in ("position", "gyro", "accel", "motor_command", "voltage"):
         values, tolerance = FLOWN[channel]
@@ -68,7 +68,7 @@ def test_axes_are_doubtful_and_the_checks_say_that_they_are_wrong(tmp_path):
 
 @pytest.mark.parametrize("beside", ["state.p", "payload.pos_", "cable_pos_"])
 def test_a_place_without_attitude_is_the_vehicles_and_in_its_unit(beside):
-    """Whole millimetres, and columns of a payload beside it."""
+    """Whole millimetres, with columns of a payload."""
     columns = {"t": tables.T, **tables.named([f"state.{a}" for a in "xyz"], 1e3 * tables.P)}
     columns = {name: np.round(c) if "state" in name else c for name, c in columns.items()}
     columns |= tables.named([f"{beside}{a}" for a in "xyz"], np.round(1e3 * tables.P - 300.0))

@@ -27,7 +27,7 @@ def close(a, b, tolerance=1e-9):
 
 
 def table_text(log, channels=SIZES, delimiter=",", epoch=100.0):
-    """One row for each stamp of any channel; what a row does not have is empty."""
+    """One row for each stamp of any channel; missing values of a row are empty."""
     stamps = np.unique(np.concatenate([log.series[c].t for c in channels]))
     names = [n for c in channels for n in SIZES[c]]
     cells = np.full((stamps.size, len(names)), np.nan)

@@ -1,7 +1,7 @@
 """Flights that are made from a formula: position, attitude, gyro and accelerometer agree.
 
-A multirotor is pushed along its body z axis only, so the second derivative of the track gives the
-attitude, its slope the rates, and gravity the specific force.
+The force on a multirotor is along body z. The second derivative of the track gives the attitude,
+and its slope the rates.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Mapping files: what is wrong with one is said by key, value and what is accepted."""
+"""Mapping files: errors name key, value and the accepted values."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Any file: what kind it is, its first bytes say; what is none is refused in one line."""
+"""Any file: what kind it is, its first bytes say; other files are refused in one line."""
 
 import gzip
 import shutil

@@ -45,7 +45,7 @@ STREAMS = {
 @pytest.mark.parametrize("ros1", [False, True])
 @pytest.mark.parametrize("name", STREAMS)
 def test_rotors_are_known_by_the_type_of_their_message(tmp_path, name, ros1):
-    """The definition stands in the file: no package of the lab is installed."""
+    """The definition is in the file: no package of the lab is installed."""
     topic, typename, channel, fields = STREAMS[name]
     streams = [pose(FLIGHT), (topic, typename, SPEED.t, fields)]
     log = read_bag(write_foreign(tmp_path / "a.bag", streams, ros1), "a")

@@ -237,7 +237,7 @@ def test_a_channel_with_part_of_its_columns_is_left_out_and_said(tmp_path):
 
 
 def read_archive(path, text, damage):
-    """The flight of a compressed table after some damage, and what is said of that."""
+    """The flight of a damaged compressed table, and its findings."""
     (path / "a.csv.gz").write_bytes(damage(gzip.compress(text.encode())))
     log = read_csv(path / "a.csv.gz", "a")
     return log.series["position"].values, " ".join(f.message for f in log.findings)

@@ -1,4 +1,4 @@
-"""What a log does not have: channels that are absent, or cover a part of the flight only."""
+"""Channels missing in a log: channels that are absent, or cover a part of the flight only."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _AIRBORNE = 0.12
 
 
 def absent(flight: str, series: Mapping[str, Series]) -> list[Finding]:
-    """Report kinds of channels that are not there, and what can't be seen then."""
+    """Report missing kinds of channels, and the effects that can't be seen without them."""
     findings = []
     missing = [name for name in IMU if name not in series]
     if missing:

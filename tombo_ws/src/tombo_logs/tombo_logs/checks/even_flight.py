@@ -1,4 +1,4 @@
-"""A flight on an even clock: how its channels are laid on it, smoothed and differentiated."""
+"""A flight on an even clock: how its channels are resampled, smoothed and differentiated."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tombo_logs.readers.frames import is_usable
 
 # Standard deviations of the Gaussians that channels pass, one for each purpose [s].
 POSE_WIDTH: Final = 0.055
-"""Poses, and the IMU beside them: up to about 2.4 Hz, where 30 Hz poses give accelerations."""
+"""Poses and IMU: up to about 2.4 Hz, where 30 Hz poses give accelerations."""
 IMU_WIDTH: Final = 0.015
 """IMU and rotors against a model: up to about 9 Hz."""
 CROSSOVER_WIDTH: Final = 0.1
@@ -30,7 +30,7 @@ EVENT_WIDTH: Final = 0.02
 PUSH_WIDTH: Final = 0.008
 """An accelerometer in which pushes are looked for: they must keep their time."""
 INERTIAL_WIDTH: Final = 0.01
-"""IMU and commands where there are no poses."""
+"""IMU and commands where poses are missing."""
 
 RATE: Final = 50.0
 """Of the clock on which poses and IMU are compared [Hz]."""

@@ -37,7 +37,7 @@ def frozen_spans(t: Array, values: Array) -> list[Span]:
 
 
 def frozen(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:
-    """Report where a channel is frozen; those spans are no measurement."""
+    """Report where a channel is frozen; these spans are not measurements."""
     findings = []
     for begin, end in frozen_spans(t, values):
         text = (

@@ -32,7 +32,7 @@ _OFF, _IDLE = 0.2, 0.8
 _PART_IDLE = 0.3
 """Share of the time on the ground for which motors idle or are off."""
 _NO_DRIVE = {"rotor_speed": 10.0, "rotor_command": 10.0, "motor_command": 0.01}
-"""What no rotor flies with, in the unit of the channel."""
+"""Value below which no rotor flies, in the unit of the channel."""
 CUT_BEFORE_TAKE_OFF = "is the log cut before take-off? Accepted: a log with seconds of flight"
 
 

@@ -1,6 +1,6 @@
 """Crashes, contacts, and jumps that are errors of the motion capture.
 
-A contact is excluded with the recovery from it; what follows a crash, to the end.
+A contact is excluded with the recovery from it; the rest after a crash, to the end.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def impacts(
 
     Args:
         flight: name.
-        events: what is sudden, in any order.
+        events: sudden changes, in any order.
         ground: spans on the ground; what happens there is take-off and landing.
         flown: begin and end of the flight [s].
         channels: those of the flight: what only poses show though an acceleration or a gyro are

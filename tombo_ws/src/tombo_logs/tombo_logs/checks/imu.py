@@ -25,7 +25,7 @@ from tombo_logs.checks.spans import Mask, interpolated
 from tombo_logs.checks.unit_mistakes import guess
 
 _DRAG_SEEN = 0.9
-"""Sum of both correlations that tells the axes."""
+"""Sum of both correlations that decides on the axes."""
 _DRAG_CLEAR = 0.5
 """By how much the correlations of other axes of the accelerometer must be higher than ours."""
 TURNED = np.radians(20.0)
@@ -33,9 +33,8 @@ TURNED = np.radians(20.0)
 _YAWED = np.radians(5.0)
 """Turn from which on a warning says so: few define a rigid body so badly."""
 _IN_MAP, _EXPLAINS, _NO_WORSE = 0.5, 0.5, 0.02
-"""Rates about the axes of map: share of what body axes leave that they may leave, least share of
-the gyro that they explain, and by how much less than the best turn of the IMU; more, if that is a
-yaw."""
+"""Rates about the axes of map: largest residual over that of body axes, least explained share of
+the gyro, and largest difference to the best turn of the IMU; more, if that is a yaw."""
 _UPRIGHT = 0.9
 """Share of a turn about the vertical from which on it is a yaw."""
 _LATE_S = 0.005
@@ -154,7 +153,7 @@ def check_gyro(flight: str, motion: EvenFlight) -> tuple[list[Finding], float | 
 
 
 def _check_gyro_scale(flight: str, motion: EvenFlight) -> tuple[list[Finding], float | None]:
-    """Report that rates are far above those of the attitude, where their course tells nothing."""
+    """Report rates far above those of the attitude, where their course is not conclusive."""
     if not motion.gyro.size or np.count_nonzero(motion.valid) < 50:
         return [], None
     rates, gyro = (

@@ -269,7 +269,7 @@ def _accel_unit(flight: str, series: dict[str, Series], down: list[Span]) -> lis
 
 
 def _rotor_sensors(flight: str, series: dict[str, Series], apart: list[Span]) -> list[Finding]:
-    """Check each rotor's speed; what can't be used is taken out."""
+    """Check each rotor's speed; unusable samples are removed."""
     if "rotor_speed" not in series:
         return []
     speed = series.pop("rotor_speed")

@@ -89,7 +89,7 @@ def alignment(motion: EvenFlight, lag: float) -> Alignment | None:
         return None
     covariance = g.T @ w / len(w)
     u, s, vt = np.linalg.svd(covariance)
-    # what both see; noise of one alone is not in it
+    # the common part of both; noise of one alone is not in it
     excited = bool((np.sqrt(s) > _EXCITED / 2.0).all())
     # a mirror shows in the directions that are excited, all three of them
     sign = np.sign(np.linalg.det(u @ vt))
@@ -169,8 +169,8 @@ def vertical_response(motion: EvenFlight) -> tuple[float, float] | None:
 def drag_correlations(motion: EvenFlight) -> Array | None:
     """Return (2, 2): correlations of the accelerometer's x and y with the poses' specific force.
 
-    Row: axis of the accelerometer, column: body axis. Thrust is along z: what is left is drag,
-    faint and slow, but seen by both. None without drag.
+    Row: axis of the accelerometer, column: body axis. Thrust is along z: the remainder is drag,
+    faint and slow, but in both. None without drag.
     """
     if not motion.accel.size or np.count_nonzero(motion.valid) < 100:
         return None
@@ -221,7 +221,7 @@ def _matched(rates: Array, gyro: Array, usable: Mask, shift: int) -> float:
 
 
 def _fit(w: Array, g: Array) -> Array:
-    """Return what a linear map of w leaves of g."""
+    """Return the residual of g after a linear map of w."""
     if not len(w):
         return g
     coefficients, _, _, _ = np.linalg.lstsq(w, g, rcond=None)

@@ -112,7 +112,7 @@ def check_lean(flight: str, motion: EvenFlight) -> None:
 
 
 def _are_right(share: float, other: float) -> bool:
-    """Return whether other axes explain so much more than ours that they are the right ones."""
+    """Return whether other axes explain clearly more than the present ones."""
     return other > _EXPLAINED and 1.0 - other < _CONTRADICTED * (1.0 - share)
 
 
@@ -136,7 +136,7 @@ def check_poses(flight: str, motion: EvenFlight, scale: float | None, imu: bool)
     says whether the accelerometer can be relied upon.
 
     Raises:
-        RefusedLog: says what is seen and what is expected.
+        RefusedLog: names observation and expectation.
     """
     lean = tilt_response(motion)
     size = _size(motion)

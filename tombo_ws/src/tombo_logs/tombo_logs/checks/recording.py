@@ -1,7 +1,7 @@
 """What every reader of a flight needs of its recording: one body, one clock, possible values.
 
-The checks of the motion begin with it, and so does the search for what went wrong in a crash, to
-which those checks do not apply.
+The checks of the motion begin with it. So does the search for the cause of a crash, to which those
+checks do not apply.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LEAST: Final = 50
 
 
 def recorded(log: Flight) -> tuple[dict[str, Series], list[Finding]]:
-    """Return the channels that can be used, cleaned and on one clock, and what was wrong.
+    """Return the usable channels, cleaned and on one clock, and the findings.
 
     Raises:
         RefusedLog: the poses are those of several bodies, or their stamps are in no known unit.

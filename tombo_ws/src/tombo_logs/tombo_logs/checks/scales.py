@@ -31,8 +31,8 @@ _GYRO_OFFSET = 0.06
 _ACROSS_OFFSET, _ALONG_OFFSET = 0.6, 0.5
 """m/s^2 across and along the thrust: markers may define a body that is turned by 3.5 deg."""
 _ROTOR_SCALE = 1.18
-"""Ratio of one rotor's command to the mean of the others: a centre of gravity beside the middle,
-and the scatter of small motors, stay within."""
+"""Ratio of one rotor's command to the mean of the others: a centre of gravity off the middle, and
+the scatter of small motors, stay within."""
 
 
 def gyro_scales(flight: str, motion: EvenFlight, late_s: float) -> list[Finding]:

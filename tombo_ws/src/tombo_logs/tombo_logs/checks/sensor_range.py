@@ -9,7 +9,7 @@ from tombo_dynamics.arrays import Array
 from tombo_logs.checks.spans import Mask, Span, merged, runs
 
 _CLIPPED = 20
-"""Samples that must read exactly the same extreme: a largest value is no limit."""
+"""Samples that must read exactly the same extreme: a largest value is not a limit."""
 _PART = 0.1
 """Share of the flight at its limit up to which the rest of a channel is used."""
 _AROUND_S = 0.1

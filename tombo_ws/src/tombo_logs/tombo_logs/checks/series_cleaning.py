@@ -63,7 +63,7 @@ _SAMPLED = ("position", "attitude", "gyro", "accel", "rotor_speed")
 
 
 def clean_series(flight: str, channel: str, series: Series) -> tuple[Series, list[Finding]]:
-    """Return a channel with finite, rising stamps and no repeats, and what was wrong with it."""
+    """Return a channel with finite, rising stamps and no repeats, and its findings."""
     findings: list[Finding] = []
 
     def note(check: str, severity: str, text: str) -> None:

@@ -17,7 +17,7 @@ _MOST_ROWS = 1_000_000
 
 
 def check_extent(begin: float, end: float, rate: float) -> None:
-    """Refuse stamps [s] of more than one flight, before an even clock [Hz] is laid over them.
+    """Refuse stamps [s] of more than one flight, before they are resampled to an even clock [Hz].
 
     Raises:
         InputError: they reach over too long a time.
@@ -36,7 +36,7 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
 
 
 def merged(spans: Iterable[Span], apart: float = 0.0) -> list[Span]:
-    """Return the spans sorted, those that overlap or are closer than `apart` as one."""
+    """Return the spans sorted; spans that overlap or are closer than `apart` are merged."""
     result: list[Span] = []
     for begin, end in sorted(s for s in spans if s[1] >= s[0]):
         if result and begin <= result[-1][1] + apart:

@@ -70,7 +70,7 @@ def smooth_track(position: Series) -> Topic:
 def _filtered(
     t: Array, places: Array, noise: float, jerk: float
 ) -> tuple[list[tuple[Array, Array]], tuple[Array, Array], float]:
-    """Return the model of each step, what the filter makes of it, and the log likelihood.
+    """Return the model of each step, the filter's estimates, and the log likelihood.
 
     The filter's means are (N, 3, 3): state, axis; its covariances (N, 3, 3).
     """

@@ -1,4 +1,4 @@
-"""Which mistake of units makes values so much larger or smaller than they should be."""
+"""Mistakes of units, by the factor that they make between values and expectation."""
 
 from __future__ import annotations
 

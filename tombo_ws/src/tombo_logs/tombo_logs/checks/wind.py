@@ -27,8 +27,8 @@ _CORRELATED_S = 1.5
 """Blocks of such a stretch count as one sample."""
 _SHORTEST_S = 8.0
 _LEANS = 0.35
-"""Standard deviation of what a body that was defined leaning, or an offset of the accelerometer,
-looks like across the thrust [m/s^2]: 2 deg."""
+"""Standard deviation of the force across the thrust from a tilted definition of the body, or an
+offset of the accelerometer [m/s^2]: 2 deg."""
 _FRAME_LEANS = 0.2
 """The same of a map whose z is not up: 1.2 deg. It stays when the heading turns."""
 USUAL_DRAG, _FASTEST_AIR = 0.3, 5.0
@@ -40,7 +40,7 @@ LEAST = 0.4
 _PERIODS, _HIGHEST_HZ = 3.0, 1.0
 """Fewest periods of a swing in a flight, and its highest frequency."""
 _SWINGS = 0.4
-"""Least share of what is left of the force that a swing explains."""
+"""Least share of the residual force that a swing explains."""
 _OF_COURSE = 1.5
 """Force per mass over own speed at its frequency [1/s] from which on a swing is not of the
 course: drag has 0.2 to 0.6."""
@@ -151,7 +151,7 @@ def _fitted(t: Array, forces: list[Array], speed: Array, ahead: Array) -> Push:
     prior = np.array([_FASTEST_AIR, _FASTEST_AIR, USUAL_DRAG, *[_LEANS] * (width - 3)])
     design, target = np.vstack(rows), np.concatenate(targets)
     noise = 0.05
-    for _ in range(3):  # the noise is that of what is left; sources see one force, not two
+    for _ in range(3):  # the noise is that of the residual; sources see one force, not two
         weight = _BLOCK_S / (_CORRELATED_S * len(forces) * noise)
         covariance = np.linalg.inv(weight * design.T @ design + np.diag(prior**-2.0))
         value = covariance @ (weight * design.T @ target)

@@ -1,4 +1,4 @@
-"""What the names of columns say: quantity, axis, number and unit; which could hold a channel."""
+"""Meanings of the names of columns: quantity, axis, number, unit and possible channel."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class Role:
 
     form: str
     words: frozenset[str]
-    """Names; columns without any of them are no candidates, but for plain axes and angles."""
+    """Names; only plain axes and angles are candidates without any of them."""
     refused: frozenset[str] = frozenset()
     preferred: frozenset[str] = frozenset()
     mocap: float = 2.0
@@ -197,7 +197,7 @@ def candidates(role: str, groups: Sequence[ColumnGroup]) -> list[Candidate]:
         score = 3.0 * bool(words & rule.preferred) + rule.mocap * bool(words & _MOCAP)
         score -= 2.0 * bool(words & _ESTIMATE) + bool(words & _TRUTH)
         if role == "position" and group.words[-1:] == ("p",):
-            # X.px beside X.x is the place of something else: of a payload in a Crazyflie's log
+            # X.px in addition to X.x is another object's place: of a payload in a Crazyflie's log
             score -= 5.0 * any(g.words == group.words[:-1] and "x" in g.columns for g in groups)
         ranked.append(Candidate(columns, group, score + 10.0 * (role == "angles") * len(columns)))
     return sorted(ranked, key=lambda c: -c.score)

@@ -42,7 +42,7 @@ _TYPES = {
     BATTERY.name: (BATTERY.typename,),
 }
 _CONTROL = {t.name: t.typename for t in (SETPOINT, ATTITUDE_SETPOINT, RATES_SETPOINT, ODOMETRY)}
-"""Topic → type of what the suite's controller estimates and asks for."""
+"""Topic → type of the controller's estimates and set points."""
 _POSE = {"position", "attitude"}
 _TRUTH = "ground_truth"
 _OTHER_CLOCK_S = 30.0
@@ -159,7 +159,7 @@ def _topics(recording: Recording, skip: Collection[str]) -> dict[str, str]:
 
 
 def usable_topics(recording: Recording, types: Collection[str]) -> list[str]:
-    """Return the topics of these types that have messages and are no ground truth."""
+    """Return the topics of these types that have messages, without ground truth."""
     return [
         topic
         for topic, stream in recording.topics.items()

@@ -130,7 +130,7 @@ def _recognised(table: CsvTable) -> LogMapping:
 
 
 def _columns(channel: ChannelMap, mapping: LogMapping, there: Collection[str]) -> tuple[str, ...]:
-    """Return the columns that a channel needs of those that are there; a minus is a sign."""
+    """Return the present columns that a channel needs; a minus is a sign."""
     times = (channel.time or mapping.time, channel.arrival)
     names = (*channel.columns, *(t.column for t in times if t is not None and t.column))
     return tuple(n if n in there or not n.startswith("-") else n[1:] for n in names)

@@ -59,7 +59,7 @@ class LogMapping:
 
     @property
     def by_topic(self) -> dict[str, dict[str, ChannelMap]]:
-        """Topic → its channels, of those that name one."""
+        """Topic → its channels, for channels with a topic."""
         topics: dict[str, dict[str, ChannelMap]] = {}
         for key, channel in self.channels.items():
             if channel.topic:
@@ -102,7 +102,7 @@ def parse_mapping(text: str, name: str) -> LogMapping:
     """Check the text of a mapping file.
 
     Raises:
-        InputError: not a mapping; says which key is wrong and what is accepted.
+        InputError: not a mapping; names the key, and the accepted values.
     """
     what = f"mapping '{name}'"
     values = table_of(parse_yaml(text, what), what, [f.name for f in fields(LogMapping)])
@@ -111,7 +111,7 @@ def parse_mapping(text: str, name: str) -> LogMapping:
     if handedness(axes_matrix(world, what)) != handedness(axes_matrix(body, what)):
         raise InputError(
             f"{what}: of world {list(world)} and body {list(body)} one is mirrored, the other "
-            "not; accepted: both or none, else an attitude is no rotation"
+            "not; accepted: both or none, else an attitude is not a rotation"
         )
     channels = table_of(values.get("channels"), f"{what}: channels", ALL_CHANNELS)
     return LogMapping(

@@ -48,7 +48,7 @@ class CsvTable:
     """Text of the mapping that belongs to an export of motion-capture software."""
 
     def numbers(self, wanted: Collection[str]) -> tuple[dict[str, Array], tuple[str, ...]]:
-        """Read some columns; what is no number is NaN. Also returns what could not be read.
+        """Read some columns; other values are NaN. Also returns the unreadable cells.
 
         Raises:
             InputError: no row is whole, or a column's name is there twice.
@@ -56,7 +56,7 @@ class CsvTable:
         for name in sorted(wanted):
             if self.columns.count(name) > 1:
                 raise InputError(f"'{self.path}' has column '{name}' twice; accepted: once")
-        import pandas  # slow to load, and most logs are no tables
+        import pandas  # slow to load, and most logs are not tables
 
         indices = {name: self.columns.index(name) for name in wanted}
         lines = self.body.replace(b'"', b"").splitlines()

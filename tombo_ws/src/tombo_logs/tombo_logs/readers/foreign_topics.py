@@ -27,7 +27,7 @@ _TRUTH = "ground_truth"
 
 
 class ForeignTopics:
-    """What a recording has besides the suite's own topics."""
+    """Topics of a recording that are not the suite's."""
 
     def __init__(self, recording: Recording, flight: str, mapping: LogMapping | None) -> None:
         """Read the topics that may be of use.

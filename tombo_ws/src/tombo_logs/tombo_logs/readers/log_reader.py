@@ -35,7 +35,7 @@ def read_logs(
     mapping: Path | str | None = None,
     names: Mapping[str, str] | None = None,
 ) -> list[Flight]:
-    """Read flights, in the order given; of a folder that is no recording, each log in it.
+    """Read flights, in the order given; of a folder that is not a recording, each log in it.
 
     `mapping` is a mapping file, or the name of a shipped one: for tables, and of recordings and
     PX4 logs its `turn_deg` and airframe. `names`: topic as recorded → name in this suite.
@@ -81,7 +81,7 @@ def read_log(
     """Read one flight; the kind of the file is found from its first bytes.
 
     Raises:
-        InputError: it can't be read; says why and what is accepted.
+        InputError: it can't be read; states the reason and the accepted values.
     """
     kind = kind_of(path)
     if kind == "table":
@@ -94,7 +94,7 @@ def read_log(
 
 
 def kind_of(path: Path) -> str:
-    """Return what a file is: "recording", "table", "ulog" or "tlog".
+    """Return the kind of a file: "recording", "table", "ulog" or "tlog".
 
     Raises:
         InputError: it can't be read, is empty, or none of them.
@@ -131,7 +131,7 @@ def _first_bytes(path: Path) -> bytes:
 
 
 def logs_in(path: Path) -> list[Path]:
-    """Return the path itself, or the logs of a folder that is no recording."""
+    """Return the path itself, or the logs of a folder that is not a recording."""
     if not path.exists():
         raise InputError(f"'{path}' does not exist; accepted: {READABLE}")
     if not path.is_dir() or (path / "metadata.yaml").is_file():

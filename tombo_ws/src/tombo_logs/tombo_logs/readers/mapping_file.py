@@ -40,7 +40,7 @@ class ChannelMap:
     order: str = "xyzw"
     """Of an attitude: one of ORDERS."""
     range: tuple[float, float] | None = None
-    """Of a motor command: what stands for 0 and for 1."""
+    """Of a motor command: values of 0 and of 1."""
     axes: tuple[str, ...] | None = None
     """Of gyro and accel where they have axes of their own: ours in terms of the file's."""
     time: TimeColumn | None = None
@@ -49,7 +49,7 @@ class ChannelMap:
     topic: str = ""
     """Of recordings and PX4 logs: where the columns are, as `esc[0].rpm` or `data[2]`."""
     scale: float = 1.0
-    """By what values are multiplied, beside the unit: -1, 10 for joints that Gazebo slows, 2/14
+    """Factor of the values, in addition to the unit: -1, 10 for joints that Gazebo slows, 2/14
     where a motor of 14 poles counts electrical turns."""
 
     def factor(self, wanted: str, what: str) -> float:
@@ -91,7 +91,7 @@ def table_of(content: object, what: str, accepted: Collection[str]) -> dict[str,
     """Return a table of a mapping file; of none, an empty one.
 
     Raises:
-        InputError: it is no table, or has a key that is not accepted.
+        InputError: it is not a table, or has a key that is not accepted.
     """
     if content is None:
         return {}

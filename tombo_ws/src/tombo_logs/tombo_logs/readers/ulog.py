@@ -279,7 +279,7 @@ def _poses(topics: Topics, series: dict[str, Series], start: float) -> str:
         if position is None or attitude is None or not np.isfinite(position).any():
             continue
         t = _captured(table, start)
-        # an estimate does not arrive; what the motion capture sent came at `timestamp`
+        # an estimate does not arrive; poses of the motion capture arrived at `timestamp`
         arrival = None if name == "vehicle_odometry" else _seconds(table, start)
         series["position"] = Series(t, enu_from_ned(position), arrival)
         series["attitude"] = Series(t, _attitudes(attitude), arrival)

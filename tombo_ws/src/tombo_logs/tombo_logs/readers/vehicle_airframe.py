@@ -11,7 +11,7 @@ from tombo_flight.vehicle_file import FORMAT, VehicleFile, vehicle_from_mapping
 
 
 def airframe_of(file: VehicleFile) -> Airframe:
-    """Return what the logs need to know of a vehicle."""
+    """Return the parameters of a vehicle that the logs need."""
     v = file.vehicle
     return Airframe(
         name=file.name,

@@ -1,4 +1,4 @@
-"""What is recommended, and why nothing is."""
+"""The recommendation, and the reasons for none."""
 
 import dataclasses
 
@@ -153,7 +153,7 @@ def test_a_prediction_must_gain_more_than_the_model_is_wrong_by(made):
     more = float(worst[rival] - measured)
     assert choose(trusted, design.choice.limits, 0.9 * more).order[0] == rival
     assert choose(trusted, design.choice.limits, 1.1 * more).order[0] == best(design)
-    assert design.judged.tier[best(design)] == 0  # what is extrapolated never overtakes
+    assert design.judged.tier[best(design)] == 0  # an extrapolation never ranks higher
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The recommended nodus in the collision flight: what is claimed is what is flown."""
+"""The recommended nodus in the collision flight: claims agree with flights."""
 
 import math
 from pathlib import Path

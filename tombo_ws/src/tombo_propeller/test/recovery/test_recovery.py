@@ -88,7 +88,7 @@ def test_a_second_strike_before_the_first_is_over():
     first, second = recoveries(t, 5.0 * (1.0 - np.exp(-since / 0.15)))
     assert "another collision" in first.why
     assert second.time == pytest.approx(0.75, abs=0.005)
-    assert second.level == pytest.approx(5.0)  # what is to come back is what was there at first
+    assert second.level == pytest.approx(5.0)  # recovery is the return to the first level
     assert second.recovered == pytest.approx(0.15 * math.log(10.0), rel=0.02)
 
 

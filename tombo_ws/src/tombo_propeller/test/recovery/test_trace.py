@@ -1,4 +1,4 @@
-"""What a trace's headings say of its units, and what contradicts them."""
+"""Units in a trace's headings, and contradictions."""
 
 import numpy as np
 import pytest

@@ -97,7 +97,7 @@ class Bench:
         """A ground station is heard on each link, so that texts come."""
 
     def run(self, seconds: float, until: Callable[[Any], bool] | None = None) -> list[Any]:
-        """Let time pass; return what the first client heard. `until` ends it early."""
+        """Let time pass; return the messages of the first client. `until` ends it early."""
         heard: list[Any] = []
         for _ in range(round(seconds * 1e9 / ROUND_NS)):
             self.boot_ns += ROUND_NS

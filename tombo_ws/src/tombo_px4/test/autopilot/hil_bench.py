@@ -1,4 +1,4 @@
-"""What the tests of the simulator link share: a world, a simulator and a PX4, polled."""
+"""Common parts of the tests of the simulator link: a world, a simulator and a PX4, polled."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tombo_px4.hil.lockstep import HilSimulator
 from tombo_sim.world import World
 
 TURN_NS = 20_000
-"""The benches' clock goes on by so much in each turn."""
+"""Step of the benches' clock in each turn."""
 
 
 def hover_world(*settings: str) -> World:

@@ -30,7 +30,8 @@ class Peer:
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.socket.setblocking(False)
         self.silent, self.align = silent, align
-        """So many HIL_SENSOR go unanswered first, as when PX4 boots; so many until it arms."""
+        """So many HIL_SENSOR go unanswered first, as when PX4 boots; their number until it
+        arms."""
         self.out = common.MAVLink(None, srcSystem=1, srcComponent=1)
         self.parser = common.MAVLink(None)
         self.answer: Callable[[Any], bytes | None] = self.controls

@@ -31,7 +31,7 @@ LOST = {"local_position": False, "global_position": False}
 
 
 class Desk:
-    """A commander, the situation it is told of, and what it said."""
+    """A commander, its situation, and its messages."""
 
     def __init__(self, mode: modes.Mode = modes.AUTO_HOLD, **parameters: float) -> None:
         self.texts: list[str] = []

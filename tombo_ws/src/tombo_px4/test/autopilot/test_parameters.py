@@ -1,4 +1,4 @@
-"""The table of parameters: PX4's names and types, what is refused, what is kept."""
+"""The table of parameters: PX4's names and types, refused values, kept values."""
 
 import math
 from pathlib import Path

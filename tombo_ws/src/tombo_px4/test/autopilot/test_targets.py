@@ -1,4 +1,4 @@
-"""Set points of OFFBOARD: what each combination means axis by axis, and what is refused."""
+"""Set points of OFFBOARD: meaning of each combination by axis, and refused masks."""
 
 import itertools
 

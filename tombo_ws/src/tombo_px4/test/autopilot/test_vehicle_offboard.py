@@ -1,4 +1,4 @@
-"""Set points from outside: what the vehicle makes of each kind, and what without them."""
+"""Set points from outside: the vehicle's answer to each kind, and without them."""
 
 import math
 
@@ -99,7 +99,7 @@ def test_set_points_are_followed_only_while_the_mode_is_flown():
     flight.fly(4.0)
     flight.vehicle.target(flight.target)
     flight.target = None
-    flight.vehicle.set_mode(OFFBOARD)  # what was streamed before is not taken up
+    flight.vehicle.set_mode(OFFBOARD)  # earlier set points are not used
     flight.fly(0.8)
     assert flight.vehicle.mode == OFFBOARD and abs(flight.body[0] + 1.0) < 0.2
     flight.fly(4.0, motion([1.0, 0.0, 2.0]))

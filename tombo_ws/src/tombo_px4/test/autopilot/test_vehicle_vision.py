@@ -1,4 +1,4 @@
-"""Flying on motion capture: late poses, wrong frames, lost and found, and what is refused."""
+"""Flying on motion capture: late poses, wrong frames, loss and return, and refused poses."""
 
 import math
 from pathlib import Path

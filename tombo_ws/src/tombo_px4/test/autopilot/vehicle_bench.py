@@ -1,4 +1,4 @@
-"""One flight of the vehicle behind its autopilot: what commands it and what it sees, in ticks."""
+"""One flight of the vehicle behind its autopilot: its commands and its view, in ticks."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ class Flight:
         self.late_ticks = 0
         self.stamped_at_arrival = False
         self.mangle: Mangle | None = None
-        """What is wrong with the frame of the vision."""
+        """Error of the frame of the vision."""
         self.words: dict[str, int] = {}
-        """What was answered to poses."""
+        """Answers to poses."""
         self.texts: list[str] = []
         self._under_way: list[tuple[int, Any]] = []
 

@@ -203,7 +203,7 @@ def test_offboard_chosen_by_somebody_else_holds_where_it_was():
 @pytest.mark.slow
 def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
     flight = Flight().run(3.0)
-    flight.px4.mute.add("HEARTBEAT")  # only those that are asked for
+    flight.px4.mute.add("HEARTBEAT")  # only the requested ones
     flight.phase, flight.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
     began = flight.now
     flight.stage(SessionStage.FLYING)

@@ -68,7 +68,7 @@ def test_a_known_covariance_comes_in_axes_of_map(decoder):
         upper[place] = value
     record = read(decoder, odometry(pose_covariance=upper))
     assert np.diag(record.pose_covariance) == pytest.approx([2, 1, 3, 5, 4, 6])
-    upper = [value or NAN for value in upper]  # PX4 does not tell the rest
+    upper = [value or NAN for value in upper]  # PX4 does not send the rest
     partial = read(decoder, odometry(time_usec=BOOT // 1000 + 1, pose_covariance=upper))
     assert np.array_equal(partial.pose_covariance, record.pose_covariance)
     upper[11] = NAN

@@ -257,7 +257,7 @@ def test_other_machines_are_allowed_when_asked_for():
 
 
 class Way:
-    """A transport of a test, with what it counted."""
+    """A transport of a test, with its counters."""
 
     def __init__(self, url, clock=time.time_ns):
         self.counters = dict.fromkeys(COUNTED, 0)
@@ -650,6 +650,6 @@ def test_a_flood_takes_a_bounded_call_and_what_was_lost_is_told(links, sender):
         assert len(reads) == 40
         while link.wait(0.0):
             link.receive()
-        sender.sendto(heartbeat(7), link.address)  # the next one tells of those lost before
+        sender.sendto(heartbeat(7), link.address)  # the next message reveals the lost ones
         assert came(collect(link)) == [7]
     assert link.counters["dropped"] > 0

@@ -1,4 +1,4 @@
-"""Turned by hand, the poses must say what the gyro says; what they say else is named."""
+"""Turned by hand, the poses must say what the gyro says; other answers are named."""
 
 import functools
 

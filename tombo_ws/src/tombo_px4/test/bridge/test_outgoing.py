@@ -1,4 +1,4 @@
-"""What leaves for PX4: axes, masks, stamps and what is left unknown."""
+"""What leaves for PX4: axes, masks, stamps and unknown fields."""
 
 import math
 

@@ -25,7 +25,7 @@ def still(place):
 
 
 def stuck(height):
-    """Return what a body shows that stays where it was when the vehicle was so high."""
+    """Return the poses of a body that stops moving at a height of the vehicle."""
     kept = []
 
     def shown(place):

@@ -29,7 +29,7 @@ class Clock:
 
 @dataclass
 class Exchange:
-    """Requests of ours every 100 ms, and what the way and the other side do to them [ns]."""
+    """Requests every 100 ms, with the delays of the link and of the other side [ns]."""
 
     ours: Clock
     theirs: Clock
@@ -88,7 +88,7 @@ def test_a_request_that_waited_for_a_polled_loop_biases_nothing():
     middle = Exchange(Clock(TODAY), Clock(), **waits).run(100)
     _, plain = begun(Clock(), 1, middle=False, **waits)
     assert max(middle) <= 1 * US
-    assert abs(plain.offset_ns - TODAY) > 100 * US  # what the middle is for
+    assert abs(plain.offset_ns - TODAY) > 100 * US  # purpose of the middle
 
 
 @pytest.mark.slow
@@ -161,7 +161,7 @@ def test_one_answer_beyond_belief_changes_nothing():
 
 
 def test_a_drift_is_followed_where_the_way_is_long_too():
-    """Round trips of 12 ms bound the offset to 6 ms only: what follows is the filter."""
+    """Round trips of 12 ms bound the offset to 6 ms only: the rest is the filter."""
     way = {"there": lambda: 6 * MS, "back": lambda: 6 * MS}
     errors = Exchange(Clock(TODAY), Clock(S, 100e-6), **way).run(1200)
     assert max(errors) < 500 * US

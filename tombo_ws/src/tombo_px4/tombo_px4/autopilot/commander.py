@@ -144,7 +144,7 @@ Say = Callable[[Severity, str], None]
 
 
 class CommanderInput(NamedTuple):
-    """What the vehicle knows of itself, by which the commander decides."""
+    """State of the vehicle by which the commander decides."""
 
     tick: int
     attitude: bool
@@ -186,7 +186,7 @@ class Commander:
     # --- what is possible
 
     def missing(self, mode: Mode, now: CommanderInput) -> str:
-        """Return what a mode lacks to be flown now; "" if nothing."""
+        """Return the missing inputs of a mode; "" if nothing."""
         if mode == TERMINATE:
             return ""
         if not now.attitude:

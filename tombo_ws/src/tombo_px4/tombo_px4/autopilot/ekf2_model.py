@@ -1,8 +1,8 @@
 """Where the autopilot thinks it is: IMU with GPS or vision, as EKF2 would have it.
 
 The same observer as in the rest of the suite, fed as EKF2 is: of a pose only position and yaw are
-used, tilt comes from gyro and accelerometer, so a vision frame that does not point up or whose
-attitude is wrong does what it does on the real vehicle.
+used, and tilt comes from gyro and accelerometer. A wrong vision frame therefore acts as on the
+real vehicle.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Ekf2Model:
         self._last_captured = -1
         self._refused_since = -1
         self.source = ""
-        """What the position comes from: `vision`, `gps` or "" for nothing."""
+        """Source of the position: `vision`, `gps` or "" for nothing."""
         self.attitude_ok = False
         self.resets = 0
         """How often position and yaw have jumped to a source."""

@@ -105,7 +105,7 @@ FLOWN_BY_POSES = {
     "COM_LOW_BAT_ACT": 2,
     "COM_OBL_RC_ACT": 4,
 }
-"""What a lab sets, besides PX4's defaults, with which a real PX4 1.17 flew by poses alone."""
+"""Settings of a lab, besides PX4's defaults, with which a real PX4 1.17 flew by poses alone."""
 
 
 class ParameterTable:

@@ -185,7 +185,7 @@ class SetpointController:
             run_control_loops(self._autopilots, self._maps, position, attitude, blind)
 
     def _hold_position_loop(self) -> None:
-        """Keep what the position loop remembers at the present motion."""
+        """Reset the memory of the position loop to the present motion."""
         autopilot = self._autopilot
         state, setpoint, loops = autopilot.state, autopilot.setpoint, autopilot.loops
         loops.velocity_integral = 0.0

@@ -55,13 +55,13 @@ _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 _CLIMB_WANTED = 0.1
 """[m]: a set point this far above a standing vehicle means that it shall take off."""
 _TAKEOFF_TICKS = 500
-"""A take-off that has begun so long ago is one."""
+"""A take-off counts after this time."""
 _DESCENT_SPEED = -0.1
 """[m/s]: a set point that sinks faster may be meant to land."""
 _FORCE_GAIN = 0.065
 """Share of a new specific force: 0.3 s at 50 Hz."""
 _RAMP_BELOW = GRAVITY / 4.0
-"""[m/s]: the ramp of a take-off begins so far below 0 (PX4: with MPC_Z_VEL_P_ACC of 4): a standing
+"""[m/s]: start of the ramp of a take-off below 0 (PX4: with MPC_Z_VEL_P_ACC of 4): a standing
 vehicle is held down for the first part of it."""
 _DETECTED_SHARE = 0.45
 """Share of that part after which PX4 1.17 said "Takeoff detected": 1.9 s after arming."""
@@ -140,7 +140,7 @@ class Px4Vehicle:
 
     @property
     def estimate(self) -> EstimatedState:
-        """What the autopilot believes, at the present tick: a view."""
+        """The autopilot's estimate, at the present tick: a view."""
         state: EstimatedState = self._autopilot.state
         return state
 
@@ -184,7 +184,7 @@ class Px4Vehicle:
 
     @property
     def situation(self) -> CommanderInput:
-        """What it knows of itself at the present tick."""
+        """Its state at the present tick."""
         tick, ekf2_model = self.tick, self.ekf2_model
         return CommanderInput(
             tick,
@@ -380,7 +380,7 @@ class Px4Vehicle:
                 commander.set_mode(AUTO_HOLD, now)
 
     def _wanted(self, mode: Mode) -> OffboardSetpoint:
-        """Return what the mode wants to be followed."""
+        """Return the set point of the mode."""
         if mode == OFFBOARD and self._target is not None:
             self._navigator.leave()
             return self._target

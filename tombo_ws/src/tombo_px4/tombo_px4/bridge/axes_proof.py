@@ -2,8 +2,8 @@
 
 At rest gravity tells which way is up and nothing else. While the vehicle is turned, the gyro says
 about which axis and when: that gives the axes of the tracked body. With them the accelerometer
-gives the world's up, and while the vehicle is carried, along which axes the positions move. What
-is left is the world's heading: PX4 takes it from the poses too, so it does no harm. Proofs are
+gives the world's up, and while the vehicle is carried, along which axes the positions move. The
+remainder is the world's heading: PX4 takes it from the poses too, so it does no harm. Proofs are
 kept in a YAML list that only grows.
 """
 
@@ -31,7 +31,7 @@ from tombo_px4.bridge.pose_motion import SHORT_HALF, fit_axes, second_difference
 
 @dataclass(frozen=True)
 class AxesEvidence:
-    """What a motion by hand has shown of the axes of a tracked body.
+    """Result of a motion by hand on the axes of a tracked body.
 
     Attributes:
         date: UTC, ISO 8601.
@@ -53,7 +53,7 @@ class AxesEvidence:
 
     @classmethod
     def of_mapping(cls, values: Mapping[str, Any]) -> AxesEvidence:
-        """Return the record of plain values; others that are kept beside them count for nothing.
+        """Return the record of plain values; other kept samples do not count.
 
         Raises:
             KeyError: a value is missing.
@@ -124,7 +124,7 @@ class AxesFile:
 
 
 TURN_RAD, CARRY_M = 1.0, 1.0
-"""The proof needs so much in all about each axis, and along each axis."""
+"""Least motion of the proof about each axis, and along each axis."""
 _WINDOW_NS = 40_000_000_000
 _POSE_NS = 15_000_000
 """Poses that come more often are left out."""
@@ -138,7 +138,7 @@ _MOVES_AGREE = 0.7
 """Correlation of positions and accelerometer, in all and along each direction: hands turn the
 vehicle about other points."""
 _CLEARER = 0.5
-"""Other axes of the positions must leave less than this share of what the plain ones leave."""
+"""The residual of other axes must be below this share of the residual of the plain ones."""
 _MIRRORED = -2.5
 """Trace of axes that are all turned round, within 24 deg."""
 _SCALE_OFF = 0.25
@@ -155,7 +155,7 @@ class HandVerdict:
     """Result of the check.
 
     Attributes:
-        delay_s: poses show the vehicle as it was so long before their stamps.
+        delay_s: delay of the poses before their stamps.
         mistake: what is wrong with the axes, in words; "" if nothing is.
         sure: False: they turn otherwise, and no known mistake explains how.
         turned: about each axis of the autopilot, to and fro [rad].
@@ -205,7 +205,7 @@ class MotionCheck:
             self._imu.append((stamp_ns, rates, accel))
 
     def forget(self) -> None:
-        """Forget all samples: what was a flight is no motion by hand."""
+        """Forget all samples: a flight is not a motion by hand."""
         self._poses.clear()
         self._imu.clear()
         self._moved = False
@@ -231,7 +231,7 @@ def _judge_motion(
     imu: Sequence[tuple[int, Array, Array]],
     angle_max: float,
 ) -> HandVerdict | None:
-    """Return what the motion shows; None: the vehicle was not turned enough to tell."""
+    """Return the result of the motion; None: the vehicle was not turned enough to tell."""
     imu_stamps = np.array([s[0] for s in imu])
     times = (imu_stamps - imu_stamps[0]) * 1e-9
     rates, force = np.array([g for _, g, _ in imu]), np.array([f for _, _, f in imu])

@@ -61,10 +61,10 @@ _ASK_NS = 3 * SECOND_NS
 """Period of new requests for messages that come too seldom."""
 _SETTLE_NS = 4 * SECOND_NS
 _READY_NS = 3 * SECOND_NS
-"""The checks have passed for so long before the estimate is published: PX4's estimator settles for
+"""Time for which the checks pass before the estimate is published: PX4's estimator settles for
 some seconds after its first position."""
 _LINK_TIMEOUT_S = 2.5
-"""Without a heartbeat for so long the link is lost: PX4 sends 1 Hz, and one may miss."""
+"""Time without a heartbeat after which the link is lost: PX4 sends 1 Hz, and one may miss."""
 _POSE_JUMP_M = 0.5
 """A pose further from PX4's own position in flight is not sent: five EKF2_EVP_NOISE (0.1 m), PX4's
 gate; a second later it would follow it."""
@@ -95,7 +95,7 @@ class Bridge:
         """Make the bridge.
 
         Args:
-            params: what it sends, and what it asks of a pose.
+            params: messages to send, and conditions of a pose.
             link: ids; the link itself is the caller's.
             mass: of the vehicle [kg], for thrusts.
             writes: parameters of the vehicle that are to be set.
@@ -321,7 +321,7 @@ class Bridge:
     # --- What goes out ------------------------------------------------------------------------
 
     def tick(self, now_ns: int) -> BridgeOutput:
-        """Decide; return what is to be sent and published."""
+        """Decide; return the messages to send and to publish."""
         for text in self.message_decoder.take_expired(now_ns):
             self._say(text)
         out, self._out = self._out, BridgeOutput()
@@ -342,7 +342,7 @@ class Bridge:
         return out
 
     def _view(self, now_ns: int) -> SessionInput:
-        """Return what the session decides by."""
+        """Return the inputs of the session's decision."""
         return SessionInput(
             now_ns,
             self._heartbeat,
@@ -559,7 +559,7 @@ class Bridge:
         )
 
     def metrics(self, now_ns: int) -> dict[str, Any]:
-        """Return what `/diagnostics` shows beside the faults."""
+        """Return the values on `/diagnostics`, without the faults."""
         sync, last, status = self.sync, self._odometry, self.status
         metrics: dict[str, Any] = {
             "mode": status.mode,

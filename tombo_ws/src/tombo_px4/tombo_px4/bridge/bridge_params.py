@@ -1,4 +1,4 @@
-"""Parameters of the PX4 bridge: its link, what it sends, and conditions for arming."""
+"""Parameters of the PX4 bridge: its link, its messages, and conditions for arming."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class LinkParams:
 
 @dataclass(frozen=True)
 class BridgeParams:
-    """What the bridge sends, its time-outs, and what a pose must fulfil before it arms."""
+    """Messages of the bridge, its time-outs, and conditions of a pose before it arms."""
 
     setpoint: str = plain(POSITION, "what PX4 follows: position, attitude or rates")
     axes_evidence: str = plain(
@@ -84,7 +84,7 @@ class BridgeParams:
         """Refuse an unknown kind of set point.
 
         Raises:
-            InputError: names the parameter and what is accepted.
+            InputError: names the parameter and the accepted values.
         """
         if self.setpoint not in SETPOINT_KINDS:
             raise unknown_name("value of px4.setpoint", self.setpoint, SETPOINT_KINDS)

@@ -55,12 +55,12 @@ _STILL_GYRO, _STILL_ACCEL = 1e-4, 1e-3
 """[rad/s], [m/s^2]: no sensor is as quiet as this, but a simulated one."""
 _FROZEN_NS = 800_000_000
 _POSITION_OFF_M = 0.2
-"""PX4's position may be so far from the pose at rest: two EKF2_EVP_NOISE."""
+"""Largest distance of PX4's position from the pose at rest: two EKF2_EVP_NOISE."""
 _YAW_OFF_RAD = _TILT_OFF_RAD = math.radians(10.0)
-"""PX4's yaw may differ so much from the pose's, and the pose's up from gravity's. Estimated,
+"""Largest difference of PX4's yaw from the pose's, and of the pose's up from gravity's. Estimated,
 because rigid bodies are defined by eye."""
 _IN_FLIGHT = 5.0
-"""In flight PX4's position may be off by so many times more."""
+"""Factor on the largest difference of PX4's position in flight."""
 _ODOMETRY_SILENT_NS = 500_000_000
 _ESTIMATOR_SILENT_NS = 5 * SECOND_NS
 _PAIR_NS = 50_000_000
@@ -124,7 +124,7 @@ class Preflight:
         self._new_evidence: AxesEvidence | None = None
         self._proved: HandVerdict | None = None
         self.refuted = ""
-        """What was shown to be wrong with the axes, until a new proof."""
+        """Fault of the axes, until a new proof."""
 
     def pose(self, stamp_ns: int, arrival_ns: int, position: Array, attitude: Array) -> None:
         """Take a pose that was sent to PX4."""
@@ -155,7 +155,7 @@ class Preflight:
             self.evidence = valid_proof(self._proofs, hardware_id)
 
     def take_evidence(self) -> AxesEvidence | None:
-        """Return what has been shown since the last call, to be kept; None: nothing new."""
+        """Return the evidence since the last call, to be kept; None: nothing new."""
         evidence, self._new_evidence = self._new_evidence, None
         return evidence
 
@@ -189,7 +189,7 @@ class Preflight:
         flying: bool,
         unwritten: Mapping[str, float] | None = None,
     ) -> list[PreflightFinding]:
-        """Ask all questions in order; return what is wrong, the worst first.
+        """Ask all questions in order; return the faults, the worst first.
 
         Args:
             now_ns: the present.
@@ -197,7 +197,7 @@ class Preflight:
             values: parameters of the vehicle, as far as known.
             linked_ns: since when it is there.
             answered: how many of its TIMESYNC requests were answered.
-            flying: it is in the air; what can be judged at rest only is left out.
+            flying: it is in the air; checks at rest only are left out.
             unwritten: parameters that it did not accept.
         """
         self.now_ns, self.sync, self.values, self.flying = now_ns, sync, values, flying

@@ -1,8 +1,8 @@
 """Conditions that end a flight: limits, poses that are lost or jump, and poses of something else.
 
 From the arming on, the motion that PX4's gyro, accelerometer and barometer imply must appear in
-the poses. Positions that move in another direction have wrong axes, positions that move too far
-a wrong scale, and poses that do not move belong to another body.
+the poses. Positions that move in another direction have wrong axes; positions that move too far, a
+wrong scale. Poses that do not move belong to another body.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ _STRIKE_RAD_S = 3.0
 _STRIKE_NS = 2 * SECOND_NS
 """After a strike, turns that agree count more than accelerations [ns]."""
 _HEIGHT_OFF_M, _HEIGHT_WINDOW_NS, _HEIGHT_SMOOTH_S = 2.0, 5 * SECOND_NS, 0.3
-"""Barometer and poses may differ by so much within 5 s: propellers and doors move it by 1 m."""
+"""Largest difference of barometer and poses within 5 s: propellers and doors move it by 1 m."""
 _FRESH_NS = SECOND_NS // 5
 _LONGEST_STEP_S = 0.05
 _COHERENT = 0.6
@@ -94,16 +94,15 @@ _LIFTED_M = 0.05
 _JUMP_NS = SECOND_NS // 4
 """Single poses with exchanged markers are left out; what stays away for longer has moved."""
 _TAKEOFF_DRIFT_M = 0.15
-"""[m]: a vehicle further beside its set point in the take-off lands by thrust. In hover over a
+"""[m]: a vehicle further from its set point in the take-off lands by thrust. In hover over a
 real PX4 in gusts it is 0.06 m RMS away, in the first seconds at most 0.1 m."""
 _CHECK_HEIGHT_M, _CHECK_NS = 0.6, 8 * SECOND_NS
-"""The vehicle stays below this height above its place of take-off until its motion has shown the
-axes, for so long at most [ns]. Wrong axes then end below 1 m; over a real PX4 they show 2 to 7 s
-after the lift-off."""
+"""The vehicle stays below this height until its motion has shown the axes, for this time at most
+[ns]. Wrong axes then end below 1 m; over a real PX4 they show 2 to 7 s after the lift-off."""
 _TAKEOFF_REPEATS_S = 0.2
-"""A tracker that repeats its pose so long in the check at take-off ends the flight [s]."""
+"""Time of a repeated pose in the check at take-off that ends the flight [s]."""
 _REPEATED_NS = 100_000_000
-"""A driver may send a pose twice; the same bits for longer are no new pose [ns]."""
+"""A driver may send a pose twice; the same bits for longer are not a new pose [ns]."""
 
 
 class RepeatedPose:
@@ -131,7 +130,7 @@ class RepeatedPose:
 
 
 class Mistake(NamedTuple):
-    """What is wrong with the poses in flight.
+    """Fault of the poses in flight.
 
     Attributes:
         text: to tell.
@@ -146,7 +145,7 @@ class Mistake(NamedTuple):
 
 
 class _Span:
-    """Sums over spans of one length: level motion, upward motion, and what is surely no noise."""
+    """Sums over spans of one length: level motion, upward motion, and motion above the noise."""
 
     def __init__(self, half: int, least_m: float) -> None:
         self.half = half
@@ -182,9 +181,9 @@ class _Span:
 class PoseMotionWatch:
     """Compares, from the arming on, the motion of the poses with that of PX4's sensors.
 
-    PX4's roll and pitch come from gravity, so the acceleration that its attitude and
-    accelerometer give is right but for the heading, which the poses gave. If poses move in
-    another direction, too far, or not at all, PX4 drives the vehicle away.
+    PX4's roll and pitch come from gravity. The acceleration by its attitude and accelerometer is
+    therefore right, except for the heading, which comes from the poses. If poses move in another
+    direction, too far, or not at all, PX4 drives the vehicle away.
 
     Attributes:
         confirmed: the motion has shown that the axes are right.
@@ -457,7 +456,7 @@ class PoseMotionWatch:
         if falls and height.coherence(height.product) > _COHERENT:
             text = "poses sink where PX4 feels that it climbs: z is upside down"
             return Mistake(text, voids_proof=True)
-        if level.time_s < _DECIDES_S:  # poses that jump alone are no matter of axes
+        if level.time_s < _DECIDES_S:  # jumps of the poses alone do not concern the axes
             return None
         turn = math.atan2(level.product.imag, level.product.real)
         along = level.coherence(level.product)

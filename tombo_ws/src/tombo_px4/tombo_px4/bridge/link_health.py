@@ -1,4 +1,4 @@
-"""Health of the link to PX4: rates of its messages, and what is wrong where nothing comes."""
+"""Health of the link to PX4: rates of its messages, and the fault of a silent link."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STATE_HZ, _BATTERY_HZ, _ESTIMATOR_HZ, _THRUST_HZ = 10.0, 2.0, 5.0, 10.0
 
 
 class MessageRates:
-    """Counts arrivals within the last two seconds, and asks for what comes too seldom."""
+    """Counts arrivals within the last two seconds, and requests messages of too low a rate."""
 
     def __init__(self, params: BridgeParams, target: MessageTarget) -> None:
         self._target = target
@@ -58,7 +58,7 @@ class MessageRates:
         self._times.clear()
 
     def requests(self, now_ns: int, begun: bool) -> list[Any]:
-        """Return messages that ask for what comes too seldom; `begun`: for everything."""
+        """Return requests for messages of too low a rate; `begun`: for everything."""
         messages = []
         if begun:
             self._requests.clear()
@@ -97,7 +97,7 @@ def link_faults(link: Link, params: LinkParams, linked: bool) -> dict[str, str]:
     """Return key -> fault of the link, with cause and remedy.
 
     Args:
-        link: what came, went and was refused.
+        link: received, sent and refused messages.
         params: whom we wait for.
         linked: the vehicle is heard.
     """

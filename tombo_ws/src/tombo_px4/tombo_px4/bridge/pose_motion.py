@@ -35,7 +35,7 @@ _EARLIEST_S, _LATEST_S, _COARSE_S, _FINE_S = -0.06, 0.3, 0.03, 0.005
 def second_differences(
     times: Array, position: Array, felt_times: Array, acceleration: Array, half: int = SHORT_HALF
 ) -> tuple[Array, Array]:
-    """Return second differences of positions, and those that the accelerations imply.
+    """Return second differences of positions, measured and by the accelerations.
 
     Args:
         times: (N) of the positions [s], growing.
@@ -176,7 +176,7 @@ class MotionSums:
 
     Level motion is a complex number, so that a product with the conjugate is a turn, and one
     without it a turn after a mirror; heights add to both. The slope is 1 for poses of this
-    vehicle, 0 for a body that does not move with it, 1.5 for positions that are 1.5 times too
+    vehicle, and 0 for a body that does not move with it. It is 1.5 for positions 1.5 times too
     large. Noise of the poses widens its error, it does not move the slope.
 
     Attributes:

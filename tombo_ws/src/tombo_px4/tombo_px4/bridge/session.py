@@ -3,9 +3,9 @@
 Four rules. Only HEARTBEAT confirms a state. A mode that another station has chosen is never
 changed. The vehicle is armed once for one take-off: after a flight, a lost link or a refusal, the
 mission must have been on the ground, or the operator must ask. A flight that has lost something
-ends on the ground: PX4 is told to land and gets no set points any more, so that it can't return to
-OFFBOARD, also where its own fail-safe was first. HEARTBEAT's system status tells a fail-safe from
-a mode that somebody has chosen.
+ends on the ground: PX4 gets the command to land and no more set points. So it can't return to
+OFFBOARD, also after its own fail-safe. HEARTBEAT's system status tells a fail-safe from a mode
+that somebody has chosen.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class SessionInput(NamedTuple):
     fresh: bool
     """A set point came lately."""
     streaming: bool
-    """There is a position to stream."""
+    """A position to stream is known."""
     blockers: tuple[str, ...]
     """Why arming is not allowed, as texts."""
     must_land: str = ""
@@ -192,7 +192,7 @@ class BridgeOutput:
     texts: list[StatusText] = field(default_factory=list)
     status: BridgeStatus = field(default_factory=BridgeStatus)
     evidence: AxesEvidence | None = None
-    """What was shown just now of the poses' axes: to be kept."""
+    """New evidence on the poses' axes: to be kept."""
 
 
 class RecentStatusTexts(deque[StatusText]):
@@ -282,7 +282,7 @@ _COMMANDS = {
     "hold": (_HOLD,),
     "kill": (_KILL,),
 }
-"""What the operator may ask for, and the commands that do it, one after the other."""
+"""Requests of the operator, with their commands in order."""
 _MODE_TRIES, _ARM_TRIES, _ASKED_TRIES = 3, 5, 2
 _STREAM_FIRST_NS = SECOND_NS
 """PX4 must have received set points for this time before it accepts OFFBOARD."""
@@ -343,7 +343,7 @@ class Session:
         self._request: OperatorRequest | None = None
         self._request_transaction: CommandTransaction | None = None
         self._request_orders: tuple[VehicleCommand, ...] = ()
-        """What follows the command under way."""
+        """Commands after the present one."""
 
     @property
     def awaits_confirmation(self) -> bool:

@@ -65,7 +65,7 @@ _ATTITUDE_LAG_S = 0.2
 """PX4's attitude is so late: 1 / MC_PITCH_P is 0.15 s, rate loop and link take 0.05 s. It was
 measured best of 0 to 0.3 s."""
 _TIMEOUT_NS = SECOND_NS // 2
-"""Without a set point for so long the last position is held [ns]."""
+"""Time without a set point after which the last position is held [ns]."""
 
 
 class SetpointStream:
@@ -126,7 +126,7 @@ class SetpointStream:
 
     @property
     def takeoff_commands(self) -> int:
-        """How often an operator has told the mission to take off, as its last set point says."""
+        """Number of take-off requests of an operator, from the mission's last set point."""
         return 0 if self._setpoint is None else self._setpoint.takeoff_commands
 
     def fresh(self, now_ns: int) -> bool:
@@ -150,10 +150,10 @@ class SetpointStream:
     def message(
         self, stream: SetpointSource, present: PositionSetpoint | None, hover: float, now_ns: int
     ) -> Any | None:
-        """Return what is to be sent now; None: nothing.
+        """Return the messages to send now; None: nothing.
 
         Args:
-            stream: what the session wants to go out.
+            stream: messages of the session.
             present: the vehicle's own position; None: not known.
             hover: throttle that hovers; 0: not known.
             now_ns: the present.
@@ -211,7 +211,7 @@ class SetpointStream:
         return self._position(setpoint, now_ns)
 
     def faults(self, hover: float, now_ns: int) -> dict[str, str]:
-        """Return what is wrong with the set points while the vehicle flies by them."""
+        """Return the faults of the set points while the vehicle follows them."""
         faults = {}
         if not self.fresh(now_ns):
             faults["setpoint_silent"] = (

@@ -1,4 +1,4 @@
-"""PX4's parameters: what a flight on poses asks of them, which the bridge reads and writes."""
+"""PX4's parameters: requirements of a flight on poses, which the bridge reads and writes."""
 
 from __future__ import annotations
 
@@ -118,7 +118,8 @@ FLIGHT_PARAMETERS = (
     FlightParameter(_HAS_GPS, 0, "no GPS receiver is expected indoors", _MOCAP),
     FlightParameter("SYS_HAS_MAG", 0, "no magnetometer is expected indoors", _MOCAP),
 )  # fmt: skip
-"""With those that block, a real PX4 1.17 ends on the ground, disarmed, also without the bridge."""
+"""With the blocking parameters, a real PX4 1.17 ends on the ground, disarmed, also without the
+bridge."""
 SAFE_PARAMETERS: Mapping[str, float] = {
     p.name: p.value for p in FLIGHT_PARAMETERS if p.set_by == _SAFE
 }
@@ -130,7 +131,7 @@ MOCAP_ONLY: Mapping[str, float] = {
 """What `px4_parameters=mocap` sets. With these PX4 1.17 flew by external poses alone: position,
 height and yaw."""
 SETS: Mapping[str, Mapping[str, float]] = {_SAFE: SAFE_PARAMETERS, _MOCAP: MOCAP_ONLY}
-"""Word in `px4_parameters` → what it stands for: a loss ends on the ground; by poses alone."""
+"""Word in `px4_parameters` → its parameters: a loss ends on the ground; by poses alone."""
 READ = (*(p.name for p in FLIGHT_PARAMETERS if p.accepts), _HAS_GPS, HOVER)
 """Parameters read from the vehicle."""
 
@@ -169,7 +170,7 @@ _AT_START = (
 
 
 def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
-    """Read `NAME=VALUE` of parameters to be written; a word of `SETS` stands for all of a set.
+    """Read `NAME=VALUE` of parameters to be written; a word of `SETS` selects all of a set.
 
     Raises:
         InputError: names what is not of that form.
@@ -195,7 +196,7 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
 
 @dataclass
 class _Parameter:
-    """What is known of a parameter of the vehicle, and how often it was asked for and written."""
+    """Known state of a parameter of the vehicle, and the number of requests and writes."""
 
     wanted: float | None = None
     """To be written; None: nothing, or it is."""

@@ -56,7 +56,7 @@ class MotorMapping:
         self.hover = (vehicle.hover_thrust() - self._lowest) / self._range
         """Control in hover: what MPC_THR_HOVER should be."""
         self.refused = 0
-        """Controls that were no number from 0 to 1; each is taken for 0."""
+        """Controls outside [0, 1] or NaN; each is taken for 0."""
 
     def speeds(self, controls: Sequence[float], armed: bool) -> Array:
         """Return rotor speeds (4) [rad/s] in our order; an unarmed rotor stands still."""
@@ -232,8 +232,8 @@ class HilFlight:
     def step(self, motors: MotorCommands) -> bytes:
         """Fly one interval with the motors as wanted; return the frames for PX4, in one piece.
 
-        HIL_SENSOR is the last, because it moves PX4's clock and wakes it: what came before is
-        there then, in every run alike, taken at the time of the HIL_SENSOR before.
+        HIL_SENSOR is the last, because it moves PX4's clock and wakes it: earlier messages have
+        then arrived, in every run alike, with the time of the HIL_SENSOR before.
         """
         self.rotors = self.controls.speeds(motors.controls, motors.armed)
         simulator, sensors = self.simulator, self.sensors

@@ -108,7 +108,8 @@ def parse_url(text: str, allow_remote: bool) -> Url:
     """Parse a URL and resolve its host; an `…in` listens there, an `…out` sends there.
 
     Raises:
-        InputError: it is no URL of a link, or leads away from this machine without `allow_remote`.
+        InputError: it is not a URL of a link, or leads away from this machine without
+        `allow_remote`.
     """
     found = next((form.fullmatch(text) for form in _FORMS if form.fullmatch(text)), None)
     if found is None:
@@ -271,7 +272,7 @@ class _Stream:
             return
         client = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         client.setblocking(False)
-        # It connects in the background: reading meets a refusal, what is written waits.
+        # It connects in the background: reading meets a refusal, and written data waits.
         result = client.connect_ex(self._url[1:])
         if result in (0, errno.EINPROGRESS):
             self._take(client)
@@ -554,7 +555,7 @@ class Codec(common.MAVLink):  # type: ignore[misc]
         return False
 
     def _is_accepted(self, system: int, component: int) -> bool:
-        """Return whether messages of a sender are let in; count those that are not."""
+        """Return whether messages of a sender are let in; count the others."""
         if self._accept[0] not in (0, system):
             counter = "wrong_system"
         elif self._accept[1] not in (0, component):

@@ -188,7 +188,7 @@ class RefusedMessage(ValueError):
 
 @dataclass(frozen=True)
 class StampedMessage:
-    """A message with the time of what it tells."""
+    """A message with the time of its data."""
 
     arrival_ns: int
     stamp_ns: int | None
@@ -236,7 +236,7 @@ class VehicleImu(StampedMessage):
 
 
 class BatteryReading(NamedTuple):
-    """Voltage [V], current [A], what is left 0..1; NaN: not known."""
+    """Voltage [V], current [A], remaining charge 0..1; NaN: not known."""
 
     arrival_ns: int
     voltage: float
@@ -351,7 +351,8 @@ def _status_text(arrival_ns: int, severity: int, text: str) -> StatusText:
 
 
 _OLDEST_NS, _SYNC_ERROR_NS = 1_000_000_000, 15_000_000
-"""A stamp may be so long before its arrival; the error of a clock that is still being measured."""
+"""Largest time of a stamp before its arrival; the error of a clock that is still being
+measured."""
 _SAME_JUMP_NS = 100_000_000
 """Messages whose clocks differ by the same, within this, prove a jump of one of the clocks."""
 _UNIT = 0.02
@@ -556,7 +557,7 @@ def _bounded(limit: float, *values: float) -> Array:
 
 
 def _attitude(wxyz: Sequence[float]) -> Array:
-    """Return an attitude (4) xyzw, map from base_link; refused if it is no rotation."""
+    """Return an attitude (4) xyzw, map from base_link; refused if it is not a rotation."""
     q = _bounded(math.inf, *wxyz)
     if abs(float(q @ q) - 1.0) > _UNIT:
         raise RefusedMessage("not_unit")

@@ -6,8 +6,8 @@ departure and the answer's arrival, so the offset lies within half a round trip 
 
     (ts1 + arrival) / 2 - tc1
 
-How likely it is near the edge depends on how much longer than the quickest round trip it took: so
-much may have been spent in one direction alone. That excess is the standard deviation in a Kalman
+How likely it is near the edge depends on how much longer than the quickest round trip it took: all
+of it may have been spent in one direction. That excess is the standard deviation in a Kalman
 filter of one state; the bound catches what the model does not know, as a clock that runs some
 percent faster.
 """

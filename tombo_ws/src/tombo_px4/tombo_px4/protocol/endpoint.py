@@ -52,7 +52,7 @@ _SHORTEST_US = 4_000
 _STAGGER_US = 1_000
 _TIMESYNC_NS = 100_000_000
 _STATION_US = 2_500_000
-"""A ground station that has been silent for so long has gone."""
+"""Time of silence after which a ground station has gone."""
 
 
 class MavlinkChannel:
@@ -77,7 +77,7 @@ class MavlinkChannel:
         self._station_us = -_STATION_US
 
     def take_due(self, boot_us: int) -> list[int]:
-        """Return the messages that are due now; what was missed is not made up for."""
+        """Return the messages that are due now; missed messages are not repeated."""
         numbers = [number for number, due in self._due.items() if due <= boot_us]
         for number in numbers:
             due, interval = self._due[number], self._interval[number]
@@ -214,7 +214,7 @@ class Endpoint:
     def say(self, severity: int, text: str) -> None:
         """Send a text, in pieces if it is long, where a ground station is heard.
 
-        What is not ASCII becomes `?`.
+        Other characters than ASCII become `?`.
         """
         if len(self.sent_texts) < _MOST_UNREAD:
             self.sent_texts.append((severity, text))
@@ -234,7 +234,7 @@ class Endpoint:
         return STREAMS[number].message(VehicleView(self.vehicle, self.origin))
 
     def _receive(self, boot_ns: int, wall_ns: int) -> list[RoutedMessage]:
-        """Return what has come; TIMESYNC is answered before anything else is done."""
+        """Return the received messages; TIMESYNC is answered before anything else is done."""
         messages = []
         for channel in self.channels:
             for received in channel.link.receive(_MOST_MESSAGES):
@@ -336,7 +336,7 @@ class Endpoint:
         return Result.ACCEPTED
 
     def _mission_count(self, routed: RoutedMessage) -> None:
-        """Say that there is no mission, fence or rally point, as a ground station asks."""
+        """Answer a ground station's request: mission, fence and rally points are empty."""
         received = routed.received
         content = (received.system, received.component, 0, received.message.mission_type)
         routed.answer(mavlink.MAVLink_mission_count_message(*content))

@@ -118,7 +118,7 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
-"""No missions, no file transfer: what is not simulated is not claimed."""
+"""No missions, no file transfer: it contains simulated states only."""
 _CUSTOM = list(b"tombosim")
 _UID = 0x544F4D424F
 """Any number but 0, which clients take for "has none"."""

@@ -1,4 +1,4 @@
-"""In the monitor's place: tells of a flight that takes off and does what FAKE_FLIGHT says."""
+"""In the monitor's place: reports a flight that takes off, then follows FAKE_FLIGHT."""
 
 import json
 import os

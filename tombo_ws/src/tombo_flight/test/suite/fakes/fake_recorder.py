@@ -1,4 +1,4 @@
-"""In the recorder's place: leaves a recording that was made before, with what it was told."""
+"""In the recorder's place: leaves an earlier recording, with its arguments."""
 
 import json
 import os

@@ -35,11 +35,11 @@ DELAY_S: Final = 0.25
 _MATCH: Final = 0.7
 """Correlation from which on two channels see the same motion."""
 _CLEARER: Final = 0.5
-"""Share of what no delay explains that another clock may leave: a course that repeats itself is
-alike after each round, too, but not so alike."""
+"""Largest share of the unexplained part that another clock may leave: a course that repeats itself
+is alike after each round, too, but not so alike."""
 _SIGMAS: Final = 6.0
 """Correlation over its root mean square at other lags from which on a weaker one counts: the
-commands of small motors explain a tenth of what the gyro sees. By chance it reaches 4."""
+commands of small motors explain a tenth of the gyro's variance. By chance it reaches 4."""
 _ASIDE_S: Final = 1.0
 """s from the best lag from which on others count."""
 _OVERLAP: Final = 0.5
@@ -47,9 +47,9 @@ _OVERLAP: Final = 0.5
 _SHORTEST_S, _LONGEST_S = 3.0, 3600.0
 """s of both channels that are compared."""
 _OUTLIER: Final = 5.0
-"""Times their usual size up to which values count: a blow is no course."""
+"""Times their usual size up to which values count: a blow is not a course."""
 _MOMENTS: Final = np.array([ARM_Y, -ARM_X])
-"""Rows: what a rotor's thrust does about body x and y."""
+"""Rows: moment of a rotor's thrust about body x and y."""
 _AHEAD_S: Final = 0.002
 """s by which stamps may be later than arrival: two clocks that are kept together are so close."""
 _SEEN: Final = "seen"
@@ -131,7 +131,7 @@ def match(first: EvenFlight, other: EvenFlight) -> Match | None:
 def _throughout(first: EvenFlight, other: EvenFlight, seen: Match) -> bool:
     """Return whether one half of the flight has the same lag, and none has another.
 
-    Clocks differ all the time; the echo of one blow is no clock.
+    Clocks differ all the time; the echo of a blow is not a clock.
     """
     halves = []
     for part in np.array_split(np.flatnonzero(first.valid), 2):
@@ -230,7 +230,7 @@ def one_clock(
 
     The clock is that of the IMU, for the poses come from elsewhere; without an IMU that of the
     poses. Where all others agree on another clock, the IMU is moved to theirs: channels without
-    motion, as the voltage, stay where they are. Where the motion tells nothing, arrival does.
+    motion, as the voltage, stay where they are. Where the motion shows no offset, arrival is used.
     """
     series = dict(series)
     findings = _by_arrival(flight, series)
@@ -271,7 +271,7 @@ def _shift(series: dict[str, Series], names: Iterable[str], seconds: float) -> N
 
 
 def _pair(series: Mapping[str, Series], name: str) -> tuple[EvenFlight | None, EvenFlight | None]:
-    """Return what the poses and a channel of the IMU see of the same quantity."""
+    """Return the same quantity from the poses and from a channel of the IMU."""
     if name == "gyro" and "attitude" in series:
         return _rates(series["attitude"]), _channel(series["gyro"])
     if name == "accel" or "accel" in series:

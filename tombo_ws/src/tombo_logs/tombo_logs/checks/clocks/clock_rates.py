@@ -40,7 +40,7 @@ _FAR_MATCH = 0.85
 """Median correlation from which on one of them counts."""
 _FAR_LEFT = 0.5
 """Share of what lags at the given rate leave uncorrelated that one of them may leave: within a
-window a clock that is far off slips, where a force that is no thrust shifts it as a whole."""
+window a wrong clock slips, where an external force shifts it as a whole."""
 _SURE_S = 0.003
 """s to which a lag must be known along a flight for its stamps to be corrected."""
 _PASSES = 3
@@ -78,7 +78,7 @@ def lag_course(
     """Return how the lag of `seen` (N, k) behind `other` (N, k) changes; None: it can't be told.
 
     Rows are on an even clock `t` (N,) of `RATE`; only those with `usable` count. `drag`:
-    per mass [1/s], that one of the two may have in it beside the other.
+    per mass [1/s], that one of the two may have in addition to the other.
     """
     times, lags, sigmas, matches = [], [], [], []
     for begin in range(_REACH, t.size - _WINDOW - _REACH + 1, _HOP):
@@ -148,7 +148,7 @@ def _window_lag(
 def common_clock(
     flight: str, series: Mapping[str, Series], motion: EvenFlight, reset: frozenset[str]
 ) -> tuple[dict[str, Series], list[Finding]]:
-    """Return the channels with IMU and rotors on the poses' clock, and what was wrong.
+    """Return the channels with IMU and rotors on the poses' clock, and the findings.
 
     `reset`: channels whose clock was set back, which then need not agree with the others any more.
     """
@@ -176,7 +176,7 @@ def _first_course(
 ) -> tuple[float, LagCourse] | None:
     """Return a factor for the stamps and the lags that are left then.
 
-    The factor is 1 unless the rate is so far off that lags leave the range that is searched.
+    The factor is 1 unless the error of the rate moves lags out of the searched range.
     """
     course = _course(motion, channel, series)
     if course is not None and not _is_uneven(course):

@@ -24,7 +24,7 @@ def saturation(flight: str, channel: str, command: Series, flying: Mask) -> list
     top = 1.0 if channel == "motor_command" else float(values.max())
     at = values >= top - 1e-4 * max(abs(top), 1e-9)
     if channel != "motor_command" and np.count_nonzero(at) < 20:
-        return []  # a largest value is no limit unless it comes again and again
+        return []  # a largest value is a limit only if it repeats
     shares = at.mean(axis=0)
     if shares.max() < _SATURATED:
         return []

@@ -26,7 +26,7 @@ turns before it is told to."""
 _CLEAR, _BETTER = 0.8, 0.4
 """Sum of three correlations that tells an order, and by how much it must beat ours."""
 _MIX = np.array([ARM_Y, -ARM_X, -SPIN])
-"""Rows: what a rotor's thrust and torque do about body x, y and z."""
+"""Rows: moments of a rotor's thrust and torque about body x, y and z."""
 _ORDERS = tuple(permutations(range(4)))
 
 

@@ -15,8 +15,8 @@ that reads nothing while most others turn has a sensor that fails; all four stan
 _ZEROS = 0.003
 """Share of samples that read nothing from which on it is reported."""
 _FEW, _FEW_BESIDE = 0.3, 0.03
-"""Up to this share of zeros the samples are left out, alone and beside a command that could
-replace them."""
+"""Up to this share of zeros the samples are left out: without a command, and with a command that
+could replace them."""
 _STUCK_S = 0.25
 """s for which a rotor's reading may stay the same while the others change."""
 _REPEATS = 0.4
@@ -39,7 +39,7 @@ def sensor_faults(
         speed: measured.
         command: rotor speeds that were asked for.
         flying: (N,) rows of `speed` in flight.
-        replaced: another channel tells what the rotors do.
+        replaced: another channel shows the rotors.
     """
     if np.count_nonzero(flying) < 50:
         return speed, []
@@ -78,7 +78,7 @@ def lone_zeros(values: Array, usual: float) -> Mask:
 
 
 Fault = tuple[str, str, float, str]
-"""Key of the mistake, rotor, size, what was seen."""
+"""Key of the mistake, rotor, size, observation."""
 
 
 def _zeros(values: Array, zeros: Mask) -> list[Fault]:
