@@ -1,7 +1,7 @@
 """Which tests run when, by their markers. See `make check` and `make test`.
 
 - `real_time`: it promises something in real time. It runs alone, last. A test fails `in_time`, or
-waits in vain, while an empty loop was late, too. The machine was busy: it is skipped.
+  waits in vain, while an empty loop was late, too. The machine was busy: it is skipped.
 - `nodes`: it starts nodes, each test in a ROS domain of its own. `make check` leaves it out.
 - `slow`: it takes more than a quarter of a second of a quiet core. `make check` leaves it out.
 """

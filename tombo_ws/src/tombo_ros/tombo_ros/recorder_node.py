@@ -131,7 +131,7 @@ class RecorderNode(LoopNode):
         self._several = any(vehicles)
         self._specs = {
             f"/{vehicle}{name}" if vehicle else self._resolved(name): TOPICS.get(name)
-            for vehicle in vehicles
+            for vehicle in vehicles or [""]
             for name in names
         }
         self.sink = RollingSink(self._options(), self._notes, self._records())

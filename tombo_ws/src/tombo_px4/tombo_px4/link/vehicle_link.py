@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -28,13 +28,13 @@ class VehicleLink:
     Args:
         params: of the link.
         key: to sign with (32 bytes), or None.
-        clock: the time [ns]; `wait` measures its patience by `time.monotonic`.
+        clock: returns the time [ns].
     """
 
     def __init__(self, params: LinkParams, key: bytes | None, clock: Callable[[], int]) -> None:
         self._params, self._key, self._clock = params, key, clock
         self._target = MessageTarget(params.system, params.component)
-        self._spoken_s = -_HEARTBEAT_S
+        self._spoken_s = -math.inf
 
     def __enter__(self) -> VehicleLink:
         """Open the link, and wait for the vehicle."""
@@ -60,8 +60,8 @@ class VehicleLink:
         self, kind: str, patience_s: float, accept: Callable[[Any], object] = lambda message: True
     ) -> Any | None:
         """Return the next message of a kind that is accepted; None: none came in time."""
-        end_s = time.monotonic() + patience_s
-        while (now_s := time.monotonic()) < end_s:
+        end_s = 1e-9 * self._clock() + patience_s
+        while (now_s := 1e-9 * self._clock()) < end_s:
             if now_s - self._spoken_s >= _HEARTBEAT_S:
                 self._spoken_s = now_s
                 self._link.send(messages.heartbeat())
