@@ -113,7 +113,7 @@ def test_a_course_over_a_course_replaces_it_and_null_takes_it_away():
         ({"course": [{"z": 0.0}]}, r"mission.course\[0\].z: 0.0 is out of bounds"),
         ({"course": [{"x": float("nan")}]}, r"mission.course\[0\].x: nan"),
         ({"course": [{"w": 1}]}, r"key in mission.course\[0\].*'w'"),
-        ({"course": "survey"}, "mission.course: 'survey' is no list"),
+        ({"course": "survey"}, "mission.course: 'survey' can't be read"),
         ({"step_size": 1.0}, "mission.course and mission.step_size 1"),
         ({"land_time": 10.0}, "mission.course: lasts until .*land_time, 10 .*approach_time"),
         ({"course": [{"hold": 39.0}]}, "mission.course: lasts until .* mission.land_time, 42"),
