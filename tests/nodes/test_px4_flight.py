@@ -124,7 +124,7 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
         world.wait_for(MISSION_STATUS, lambda m: True, patience_s=_COMPILES_S)
         world.wait_for(TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.8, patience_s=120.0)
         # a landing that PX4 flies in the middle of a mission is none of the mission's phases
-        world.wait_for(MISSION_STATUS, lambda m: m.phase == m.HOVER, patience_s=120.0)
+        world.wait_for(MISSION_STATUS, lambda m: m.phase == m.HOVER, patience_s=120.0, since=0)
         command.send_signal(signal.SIGINT)
         out, err = command.communicate(timeout=120.0)
     finally:

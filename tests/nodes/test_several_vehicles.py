@@ -24,6 +24,7 @@ from tombo_flight.suite.nodes import GROUP, RECORDER, groups
 from tombo_flight.suite.parameter_yaml import parameter_yaml, several_parameters
 
 
+@pytest.mark.real_time
 def test_two_vehicles_hover_in_namespaces_and_one_recording_has_both(domain, tmp_path):
     words = ("up", "hover", "--vehicles", "2", "--json", "-o", str(tmp_path / "out"))
     command = [sys.executable, "-m", "tombo_bringup.cli.main", *words]
