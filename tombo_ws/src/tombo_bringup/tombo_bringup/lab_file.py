@@ -25,6 +25,9 @@ SCENARIO_SECTIONS = ("volume", "safety", "obstacle", "mission")
 _KEYS = ("tombo_lab", "vehicle", "mocap", "px4", *SCENARIO_SECTIONS)
 _PX4_KEYS = ("url", "parameters", "bridge")
 
+OF_LAB = "lab"
+"""Value of `--px4` without a URL: that of the lab file, else PX4 is simulated."""
+
 
 @dataclass(frozen=True)
 class Lab:
@@ -50,7 +53,7 @@ class Lab:
             values["settings"] = [*self.settings, *(given["settings"] or [])]
         if given.get("px4") is not None:
             values["bridge"] = [*self.bridge, *(given["bridge"] or [])]
-            if given["px4"] == "" and self.url:  # an explicit `--px4=sim` stays simulated
+            if given["px4"] == OF_LAB and self.url:  # an explicit `--px4=sim` stays simulated
                 values["px4"] = self.url
         if "system" in given and (mocap := self.mocap) is not None:
             if given["system"] is None:

@@ -201,7 +201,7 @@ def test_low_flight_along_a_course_is_no_landing():
 BAD = [
     ([], "c: 0 waypoints"),
     ([{}] * 501, "c: 501 waypoints"),
-    ("x", "c: 'x' is no list"),
+    ("x", "c: 'x' can't be read"),
     ([{}, 4], r"c\[1\]: 4 is no mapping"),
     ([{"sped": 1.0}], r"key in c\[0\].*'sped'.*speed"),
     ([{}, {}, {}, {"speed": 0.0}], r"c\[3\]\.speed: 0.0 is out of bounds"),

@@ -287,7 +287,7 @@ PRODUCTS: Final = {
             *("docs/effects.md", "docs/nodes.md#nodes", "docs/nodes.md#topics"),
             *("docs/px4.md#px4_nodes", f"{CONFIG}/all_parameters.yaml", f"{CONFIG}/suite.yaml"),
             *("docs/safety.md#states", "docs/safety.md#transitions", "docs/faults.md#faults"),
-            "docs/architecture.md#wiring",
+            *("docs/architecture.md#wiring", "docs/first_real_flight.md#first_flight"),
         ),
         _tables,
     ),

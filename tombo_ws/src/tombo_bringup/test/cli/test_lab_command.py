@@ -45,7 +45,7 @@ def test_a_flight_gets_vehicle_and_volume(tmp_path):
 
 
 def test_px4_gets_url_and_bridge_only_where_it_flies(tmp_path):
-    values = merged(tmp_path, px4="sim", bridge=["link.allow_remote=false"])
+    values = merged(tmp_path, px4="lab", bridge=["link.allow_remote=false"])
     assert values["px4"] == "serial:///dev/ttyUSB0:921600"
     assert values["bridge"] == [
         "px4.tracked_body=lab_1",
@@ -54,6 +54,7 @@ def test_px4_gets_url_and_bridge_only_where_it_flies(tmp_path):
         "link.allow_remote=false",
     ]
     assert merged(tmp_path, px4=None, bridge=None)["bridge"] is None
+    assert merged(tmp_path, px4="sim", bridge=None)["px4"] == "sim"
     url = "udpin://127.0.0.1:5"
     assert merged(tmp_path, px4=url, bridge=None)["px4"] == url
 
