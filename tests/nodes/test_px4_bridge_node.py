@@ -95,7 +95,7 @@ class Lab:
         wish.position = point(self.goal)
         self.world.publish(SETPOINT, wish)
 
-    def until(self, condition, patience_s=60.0):
+    def until(self, condition, patience_s=180.0):
         """Wait for a status that meets a condition."""
         since = max(len(self.world.heard[PX4_STATUS.name]) - 1, 0)
         return self.world.wait_for(
