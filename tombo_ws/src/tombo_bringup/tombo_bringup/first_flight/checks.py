@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -146,18 +146,13 @@ class Session:
 
 def check_lab(session: Session) -> Outcome:
     """Ask `tombo lab check`."""
-    run = replace_none(session).words("lab check", str(session.file))
+    run = replace(session, domain=None).words("lab check", str(session.file))
     _, items, said = session.run(run)
     if items is None:
         return Outcome(said)
     return Outcome(
         "; ".join(item["lacks"] for item in items if item["lacks"]), "nothing is lacking"
     )
-
-
-def replace_none(session: Session) -> Session:
-    """Return the session for a command that knows no domain."""
-    return Session(session.file, session.lab, session.folder, session.ask, session.say)
 
 
 def _listen(session: Session, seconds: float) -> tuple[dict[str, str], Mapping[str, Any], str]:
@@ -430,7 +425,7 @@ def check_diagnosis(session: Session) -> Outcome:
     """Diagnose the hover."""
     vehicle = ["--vehicle", session.lab.vehicle] if session.lab.vehicle else []
     log = session.folder / HOVER / "flight.mcap"
-    words = replace_none(session).words("diagnose", str(log), *vehicle)
+    words = replace(session, domain=None).words("diagnose", str(log), *vehicle)
     code, found, said = session.run([*words, "-o", str(session.folder / "diagnosis"), "--force"])
     if code or found is None:
         return Outcome(said or "no diagnosis")
