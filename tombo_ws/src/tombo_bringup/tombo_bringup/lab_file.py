@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tombo_bringup import PX4_OF_LAB
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import from_mapping
 from tombo_dynamics.yaml_text import parse_yaml, read_text
@@ -24,9 +25,6 @@ SCENARIO_SECTIONS = ("volume", "safety", "obstacle", "mission")
 """Sections of a scenario that belong to a lab."""
 _KEYS = ("tombo_lab", "vehicle", "mocap", "px4", *SCENARIO_SECTIONS)
 _PX4_KEYS = ("url", "parameters", "bridge")
-
-OF_LAB = "lab"
-"""Value of `--px4` without a URL: that of the lab file, else PX4 is simulated."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class Lab:
             values["settings"] = [*self.settings, *(given["settings"] or [])]
         if given.get("px4") is not None:
             values["bridge"] = [*self.bridge, *(given["bridge"] or [])]
-            if given["px4"] == OF_LAB and self.url:  # an explicit `--px4=sim` stays simulated
+            if given["px4"] == PX4_OF_LAB and self.url:  # an explicit `--px4=sim` stays simulated
                 values["px4"] = self.url
         if "system" in given and (mocap := self.mocap) is not None:
             if given["system"] is None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from tombo_bringup import PX4_OF_LAB
 from tombo_bringup.cli.options import OptionRule, option, record
-from tombo_bringup.lab_file import OF_LAB
 
 if TYPE_CHECKING:
     from tombo_flight.suite.px4_connection import Px4Connection
@@ -50,7 +50,7 @@ class Px4Options:
     @property
     def url(self) -> str | None:
         """The URL that is given; None: PX4 is simulated, or does not fly."""
-        return None if self.px4 in (SIMULATED, OF_LAB) else self.px4
+        return None if self.px4 in (SIMULATED, PX4_OF_LAB) else self.px4
 
     def connection(self) -> Px4Connection | None:
         """Return the connection; None without PX4.
@@ -64,7 +64,7 @@ class Px4Options:
 
 
 def expand_url_option(words: list[str]) -> list[str]:
-    """Return the arguments with a value for the option: `OF_LAB` where none is given.
+    """Return the arguments with a value for the option: `PX4_OF_LAB` where none is given.
 
     The word behind it is its value if it looks like a URL (`SCHEME://...`), a device or nothing
     at all; any other is not.
@@ -77,6 +77,6 @@ def expand_url_option(words: list[str]) -> list[str]:
             return [*found, word, *rest]
         if word == OPTION:
             given = rest and _URL.match(rest[0])
-            word = f"{OPTION}={rest.pop(0) if given else OF_LAB}"
+            word = f"{OPTION}={rest.pop(0) if given else PX4_OF_LAB}"
         found.append(word)
     return found
