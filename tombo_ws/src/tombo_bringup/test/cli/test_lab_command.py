@@ -110,6 +110,13 @@ def test_what_a_lab_lacks_is_said(tombo, tmp_path):
     assert "px4.url" in lacks["PX4"]
 
 
+def test_a_volume_is_not_called_right_where_the_scenario_is_refused(tombo, tmp_path):
+    lab_file(tmp_path, vehicle="nowhere.yaml")
+    result = tombo("lab", "check", "lab.yaml", "--json")
+    lacks = {item["name"]: item["lacks"] for item in result.json}
+    assert "nowhere.yaml" in lacks["scenario"] and lacks["volume"]
+
+
 def test_the_environment_names_the_file_for_commands_that_take_one(tombo, tmp_path, monkeypatch):
     monkeypatch.setenv("TOMBO_LAB", str(lab_file(tmp_path, volume={"x_max": "wide"})))
     assert "volume.x_max" in tombo("fly", "hover", "-o", "flown").err

@@ -124,7 +124,7 @@ def _items(lab: Lab) -> Iterator[_Item]:
         elif min(sizes) < _ROOM_M:
             volume = f"{min(sizes):g} m wide; a bounce needs {_ROOM_M:g} m along x and y"
     except InputError as error:
-        lack = str(error)
+        volume, lack = "not known before the scenario is mended", str(error)
     yield _Item("vehicle", text)
     yield _Item("volume", volume)
     yield _Item("scenario", lack)
