@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from tombo_bringup.first_flight.checks import (
     battery_lack,
     blockers_of,
     clock_lack,
+    fall_of,
     fence_lack,
     kill_lack,
     parameter_differences,
@@ -64,10 +66,22 @@ def test_a_clock_that_is_not_set_is_named():
     assert "no clock" in clock_lack(CHRONY.format("0", "Not synchronised"))
 
 
-def test_a_kill_counts_in_the_air_alone():
-    assert kill_lack(["Kill engaged"], {"max_height_m": 0.3}) == ""
-    assert "in the air" in kill_lack(["Kill engaged"], {"max_height_m": 0.05})
-    assert "did not report" in kill_lack(["Landing detected"], {"max_height_m": 0.3})
+@pytest.mark.parametrize(
+    ("killed_s", "falls_s", "lack"),
+    [
+        (2.0, 2.0, ""),
+        (math.nan, 3.0, "did not report"),  # it lands
+        (0.2, 2.0, "0.02 m above"),
+        (2.0, 3.5, "1.6 s later"),  # it said so, and flew on
+        (2.0, 9.0, "inf s later"),
+    ],
+)
+def test_a_kill_counts_in_the_air_alone_and_where_the_vehicle_falls(killed_s, falls_s, lack):
+    t = np.arange(0.0, 5.0, 0.01)
+    climb = np.minimum(0.1 * t, 0.12)
+    fall = 0.5 * 9.81 * np.maximum(t - falls_s, 0.0) ** 2
+    said = kill_lack(**fall_of(t, np.maximum(climb - fall, 0.0), killed_s))
+    assert lack in said and bool(said) == bool(lack)
 
 
 def test_only_blocking_findings_stop_the_proof_of_the_axes():

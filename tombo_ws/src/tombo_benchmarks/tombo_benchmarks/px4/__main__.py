@@ -134,7 +134,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         ),
         ("--wrong-axes", "fly with wrong axes of the motion capture, each once"),
         ("--services", "ask for each service in each state"),
-        ("--first-flight", "do `tombo first-flight`, without and with each of eight faults"),
+        ("--first-flight", "do `tombo first-flight`, without and with each planted fault"),
         ("--simulated", "the simulated PX4 flies, in place of a real one"),
         ("--docs", "write the table into its page"),
     ):

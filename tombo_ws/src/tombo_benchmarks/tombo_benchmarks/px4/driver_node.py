@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from pymavlink.dialects.v20 import common as mav
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
@@ -27,9 +28,14 @@ _LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
 
 
 class LabDriver:
-    """Poses on their way to `/mocap/pose`, and what the person does; use as a context manager."""
+    """Poses on their way to `/mocap/pose`, and what the person does; use as a context manager.
+
+    Attributes:
+        armed: a HEARTBEAT has said so.
+    """
 
     def __init__(self, fault: str, remote_url: str, system: int) -> None:
+        self.armed = False
         self._fault, self._system = fault, system
         self._killed = self._kills_in_flight = self._proves = False
         self._first: Any = None
@@ -74,6 +80,9 @@ class LabDriver:
                 message = taken.message
                 self._killed |= self._kills_in_flight and message.pose.position.z > _FLIES_M
                 self._out.publish(self._spoilt(message))
+            for message in (received.message for received in self._remote.receive()):
+                if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == self._system:
+                    self.armed |= bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
             if time.monotonic() - sent_s > _RC_S:
                 sent_s = time.monotonic()
                 self._speak()

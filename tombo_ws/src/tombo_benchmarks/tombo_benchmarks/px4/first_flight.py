@@ -1,4 +1,4 @@
-"""`tombo first-flight` over a PX4, in a lab without and with each of eight faults."""
+"""`tombo first-flight` over a PX4, in a lab without and with each of the planted faults."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from typing import Any, Final
 from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.px4.lockstep_px4 import ONBOARD_PORT
 from tombo_benchmarks.px4.px4_process import Px4Process
+from tombo_bringup.first_flight.steps import STEPS
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_flight.suite.nodes import free_domain, node_environment, udp_ports
 from tombo_flight.suite.px4_connection import free_udp_port
@@ -35,9 +36,16 @@ _ASKED = ("mocap", "kill_switch", "axes", "propellers", "hover", "kill", "obstac
 FAULTS: Final = {
     "": "", "wrong order of rotors": "rotors", "y up": "mocap", "no kill switch": "kill_switch",
     "old parameters": "parameters", "body that does not move": "mocap", "low battery": "battery",
-    "clock": "clocks", "volume missing": "lab",
+    "clock": "clocks", "chrony without a source": "clocks", "volume missing": "lab",
 }  # fmt: skip
-"""Fault → step that must stop it; without a fault all steps are passed."""
+"""Fault → step that must stop it; without a fault all steps are passed.
+
+No simulation shows the order of the rotors: there the person's answer says what was seen.
+"""
+_CHRONYC = """#!/bin/sh
+echo 7F7F0101,,0,0,0,0,0,0,0,0,0,0,0,Not synchronised
+"""
+"""Answers as chrony does that follows no clock."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +56,21 @@ class Outcome:
     stopped: str
     """Step that has failed; empty: none."""
     said: str
-    as_wanted: bool
+    armed: bool
+    """By a HEARTBEAT of PX4, at any time."""
+
+    @property
+    def as_wanted(self) -> bool:
+        """All steps are passed without a fault; with one it is stopped, and never armed."""
+        return self.stopped == FAULTS[self.fault] and self.armed == (self.fault == "")
 
     @property
     def line(self) -> str:
         """Text about it."""
         state = "as wanted" if self.as_wanted else "NOT as wanted"
-        return (
-            f"{self.fault or 'no fault'}: {state}, stopped by {self.stopped or '–'}: {self.said}"
-        )
+        armed = "armed" if self.armed else "never armed"
+        fault, stopped = self.fault or "no fault", self.stopped or "–"
+        return f"{fault}: {state}, {armed}, stopped by {stopped}: {self.said}"
 
 
 def rehearse(
@@ -93,6 +107,11 @@ def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops
     if "ROS_DOMAIN_ID" not in environment:
         environment["ROS_DOMAIN_ID"] = str(free_domain(os.getpid(), udp_ports()))
     os.environ.update(environment, XDG_CONFIG_HOME=str(folder / "config"))
+    path = os.environ["PATH"]
+    if fault == "chrony without a source":
+        path = f"{folder}{os.pathsep}{path}"
+        (folder / "chronyc").write_text(_CHRONYC, encoding="ascii")
+        (folder / "chronyc").chmod(0o700)
     values: dict[str, Any] = {
         "effects.mocap_noise.position": 5e-4,
         "effects.mocap_noise.attitude": 1e-3,
@@ -119,8 +138,10 @@ def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops
             px4 = {**known, **MOCAP_ONLY, **_REMOTE, **parameters}
             stack.enter_context(Px4Process(build, folder / "px4", px4, instance))
         person = stack.enter_context(driver(fault, f"udpout://127.0.0.1:{remote}", system))
-        flight = subprocess.Popen([sys.executable, *command], cwd=folder, text=True,
-                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE)  # fmt: skip
+        flight = subprocess.Popen(
+            [sys.executable, *command], cwd=folder, text=True, env={**os.environ, "PATH": path},
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
         assert flight.stdout is not None and flight.stderr is not None
         said = ""
         for said in flight.stderr:
@@ -128,17 +149,20 @@ def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops
             person.act(said)
         text = flight.stdout.read()
     done = json.loads(text)["steps"] if text.startswith("{") else {}
-    failed = [(key, step["said"]) for key, step in done.items() if not step["passed"]]
-    stopped, words_said = failed[0] if failed else ("", said.strip())
-    as_wanted = bool(done) and stopped == stops and (stops == "" or "hover" not in done)
-    return Outcome(fault, stopped, words_said, as_wanted)
+    mends = {step.key: step.mend for step in STEPS}
+    for key, step in done.items():
+        if not step["passed"]:
+            return Outcome(fault, key, f"{step['said']}. To mend: {mends[key]}", person.armed)
+    last = "all steps are passed" if len(done) == len(STEPS) else ""
+    return Outcome(fault, "" if last else "–", last or said.strip(), person.armed)
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
     """Return the table of the rehearsals."""
-    head = ("fault", "stopped by step", "named", "as wanted")
+    head = ("fault", "stopped by step", "message", "armed", "as wanted")
+    words = {True: "yes", False: "no"}
     rows = [
-        [o.fault or "none", o.stopped or "–", o.said, "yes" if o.as_wanted else "no"]
+        [o.fault or "none", o.stopped or "none", o.said, words[o.armed], words[o.as_wanted]]
         for o in outcomes
     ]
     return table_markdown(head, rows)

@@ -15,12 +15,14 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
 from tombo_bringup.lab_file import Lab
 from tombo_control.safety.params import FlightVolume
+from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import ROTOR_NAMES, SPIN
 from tombo_flight.process.output_folder import make_numbered
@@ -28,7 +30,8 @@ from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.px4_connection import Px4Connection, find_vehicle, link_key, px4_connection
 from tombo_px4.bridge.vehicle_parameters import parameter_file, parse_assignments
 from tombo_px4.frames import PX4_ROTORS
-from tombo_px4.link.vehicle_link import VehicleLink, is_killed
+from tombo_px4.link.messages import is_killed
+from tombo_px4.link.vehicle_link import VehicleLink
 from tombo_px4.modes import Result
 
 HOVER, KILL = "hover", "kill"
@@ -55,7 +58,12 @@ _DIRECTIONS = {1.0: "ccw", -1.0: "cw"}
 _TAKES_OFF_S = 12.0
 """From the mission's begin until it hovers: arming, PX4's ramp, climb."""
 _LANDS_S = 25.0
-_LEAST_HEIGHT_M = 0.15
+_LEAST_HEIGHT_M, _DOWN_M = 0.06, 0.03
+"""Over the ground: a body at 0.3 m has its legs some 0.12 m above it."""
+_FALLS_S = 1.0
+"""A fall from 0.3 m takes 0.25 s, and the poses are at 30 Hz."""
+_SAID_LATE_S = 0.5
+"""Longest time between the end of the rotors and PX4's text about it."""
 
 
 @dataclass(frozen=True)
@@ -270,16 +278,14 @@ def check_kill_switch(session: Session) -> Outcome:
             return Outcome("RC_MAP_KILL_SW is 0: PX4 knows no kill switch")
         for way, killed in (("on", True), ("off", False)):
             session.say(f"Switch the kill switch of the remote control {way}.")
-            accept = is_killed if killed else is_alive
-            seen = link.wait("HEARTBEAT", _SWITCHED_S, accept)
+            seen = link.wait("HEARTBEAT", _SWITCHED_S, partial(_shows_kill, killed))
             if seen is None:
                 return Outcome(f"PX4 did not report within {_SWITCHED_S:g} s that it is {way}")
     return Outcome("", "switched on and off")
 
 
-def is_alive(heartbeat: Any) -> bool:
-    """Return whether it says that they are not."""
-    return not is_killed(heartbeat)
+def _shows_kill(killed: bool, heartbeat: Any) -> bool:
+    return is_killed(heartbeat) == killed
 
 
 def check_geofence(session: Session) -> Outcome:
@@ -404,20 +410,53 @@ def _flight_text(summary: Mapping[str, Any]) -> str:
 
 def check_kill(session: Session) -> Outcome:
     """Hover at 0.3 m; the person switches the rotors off."""
+    from tombo_flight.recorded_flight import read_flight
+
     session.say("It takes off to 0.3 m. Switch the kill switch on as soon as it hovers.")
     _, summary, said = _fly(session, KILL, 0.3, session.hover_s)
     if summary is None:
         return Outcome(said or "the flight has failed")
-    texts = [text for _, text in summary["px4"]["status_texts"]]
-    return Outcome(kill_lack(texts, summary), "the rotors stopped in the air")
+    texts = summary["px4"]["status_texts"]
+    killed_s = next((t for t, text in texts if text.startswith("Kill engaged")), math.nan)
+    flight = read_flight(session.folder / KILL / "flight.mcap")
+    height = flight.log["position"][:, 2]
+    figures = fall_of(flight.t, height - height[0], killed_s)
+    shown = "{height_m:.2f} m above the ground, which it reached {down_s:.1f} s later"
+    return Outcome(kill_lack(**figures), f"rotors off {shown.format(**figures)}", figures)
 
 
-def kill_lack(texts: Sequence[str], summary: Mapping[str, Any]) -> str:
-    """Return why a flight does not show that the kill switch works; "" if it does."""
-    if not any(text.startswith("Kill engaged") for text in texts):
-        return f"PX4 did not report the kill switch; it said: {'; '.join(texts) or 'nothing'}"
-    if summary["max_height_m"] < _LEAST_HEIGHT_M:
-        return f"it was {summary['max_height_m']:.2f} m high; expected: the kill in the air"
+def fall_of(t: Array, height: Array, killed_s: float) -> dict[str, float]:
+    """Return `height_m` where the rotors were switched off, and `down_s` until it was down.
+
+    Args:
+        t: (N,) [s].
+        height: (N,) over the ground [m].
+        killed_s: when PX4 said so [s]; NaN: never.
+
+    Returns:
+        Both NaN if PX4 did not say so; `down_s` is infinite if it did not come down.
+    """
+    before = (t > killed_s - _SAID_LATE_S) & (t <= killed_s)
+    down = t[(t > killed_s) & (height < _DOWN_M)]
+    return {
+        "height_m": float(height[before].max()) if before.any() else math.nan,
+        "down_s": float(down[0] - killed_s) if down.size else math.inf,
+    }
+
+
+def kill_lack(height_m: float, down_s: float) -> str:
+    """Return why a flight does not show that the kill switch works; "" if it does.
+
+    Args:
+        height_m: over the ground, where the rotors were switched off; NaN: PX4 did not say so.
+        down_s: from there to the ground.
+    """
+    if math.isnan(height_m):
+        return "PX4 did not report the kill switch in this flight; switch it while it hovers"
+    if height_m < _LEAST_HEIGHT_M:
+        return f"it was {height_m:.2f} m above the ground; switch it while it hovers"
+    if down_s > _FALLS_S:
+        return f"it came down {down_s:.1f} s later; expected: within {_FALLS_S:g} s, as it falls"
     return ""
 
 
@@ -429,7 +468,9 @@ def check_diagnosis(session: Session) -> Outcome:
     code, found, said = session.run([*words, "-o", str(session.folder / "diagnosis"), "--force"])
     if code or found is None:
         return Outcome(said or "no diagnosis")
-    return Outcome("", str(found.get("verdict", "")), {"report": f"{session.folder}/diagnosis"})
+    causes = ", ".join(cause["effect"] for cause in found["causes"])
+    verdict = f"{found['verdict']}{': ' * bool(causes)}{causes}"
+    return Outcome("", verdict, {"report": f"{session.folder}/diagnosis"})
 
 
 def lab_of(file: Path) -> Lab:

@@ -41,7 +41,7 @@ class Vehicle:
         self.armed, self.mode, self.landed = False, AUTO_HOLD, MavLandedState.ON_GROUND
         self.refuses: dict[int, int] = {}
         self.refused_modes = set()
-        self.deaf = self.silent = self.failsafe = False
+        self.deaf = self.silent = self.failsafe = self.killed = False
         self.arms_late_ns = 0
         self.received = []
         self.heartbeat = None
@@ -71,7 +71,7 @@ class Vehicle:
         if self._arm_at is not None and now >= self._arm_at:
             self.armed, self._arm_at = True, None
         if not self.silent:
-            self.heartbeat = Heartbeat(now, self.armed, self.mode, self.failsafe)
+            self.heartbeat = Heartbeat(now, self.armed, self.mode, self.failsafe, self.killed)
 
 
 class Flight:
@@ -351,6 +351,13 @@ def test_px4s_own_fail_safe_is_no_pilot(mode):
     flight.phase, flight.takeoff_commands = Phase.IDLE, 1
     flight.run(2.0).until(SessionStage.FLYING, Phase.TAKEOFF)
     assert flight.vehicle.armed, "an operator's new take-off flies"
+
+
+def test_rotors_that_are_switched_off_are_named_and_no_mode_is():
+    flight = Flight().take_off()
+    flight.vehicle.failsafe = flight.vehicle.killed = True
+    flight.until(SessionStage.LANDING)
+    assert "switched off" in flight.session.why and "mode" not in flight.session.why
 
 
 def test_a_landing_that_px4_refuses_is_commanded_until_it_lands():

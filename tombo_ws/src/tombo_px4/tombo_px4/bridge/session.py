@@ -466,9 +466,9 @@ class Session:
                 self._begin_level_descent(view)
             return
         if view.beat.failsafe:
-            mode = mode_name(view.beat.mode)
-            why = f"PX4's fail-safe has chosen mode {mode}{self._px4_texts(view, ': ')}"
-            self._land(view, why)
+            chosen = f"PX4's fail-safe has chosen mode {mode_name(view.beat.mode)}"
+            why = "the rotors were switched off" if view.beat.killed else chosen
+            self._land(view, why + self._px4_texts(view, ": "))
         elif view.must_land:
             self._land(view, view.must_land)
             if view.poses_wrong:

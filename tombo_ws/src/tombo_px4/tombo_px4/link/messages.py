@@ -205,6 +205,8 @@ class Heartbeat(NamedTuple):
     mode: Mode
     failsafe: bool = False
     """PX4 flies another mode than was asked for, or has stopped its rotors for good."""
+    killed: bool = False
+    """A kill switch, or PX4 itself, has stopped the rotors."""
 
 
 @dataclass(frozen=True)
@@ -437,7 +439,7 @@ class MessageDecoder:
             raise RefusedMessage("not_px4")
         armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         failsafe = armed and m.system_status in _FAILSAFE
-        return Heartbeat(arrival_ns, armed, mode_of(m.custom_mode), failsafe)
+        return Heartbeat(arrival_ns, armed, mode_of(m.custom_mode), failsafe, is_killed(m))
 
     def _odometry(self, m: Any, arrival_ns: int) -> object:
         in_body = m.child_frame_id == mav.MAV_FRAME_BODY_FRD
@@ -554,6 +556,11 @@ def _bounded(limit: float, *values: float) -> Array:
     if np.abs(array).max() > limit:
         raise RefusedMessage("range")
     return array
+
+
+def is_killed(heartbeat: Any) -> bool:
+    """Return whether a HEARTBEAT reports that the rotors are switched off, armed or not."""
+    return bool(heartbeat.system_status == mav.MAV_STATE_FLIGHT_TERMINATION)
 
 
 def _attitude(wxyz: Sequence[float]) -> Array:

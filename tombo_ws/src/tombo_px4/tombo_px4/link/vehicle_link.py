@@ -103,8 +103,3 @@ def _value(message: Any) -> float:
     if message.param_type != mav.MAV_PARAM_TYPE_INT32:
         return float(message.param_value)
     return float(int_of_float(message.param_value))
-
-
-def is_killed(heartbeat: Any) -> bool:
-    """Return whether a HEARTBEAT reports that the outputs are switched off."""
-    return bool(heartbeat.system_status == mav.MAV_STATE_FLIGHT_TERMINATION)
