@@ -93,6 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 place = "simulated" if build is None else str(build)
                 words = [place, str(folder), str(options.instance), *(options.row or ())]
                 command = [sys.executable, "-m", "tombo_benchmarks.px4.driver_node", *words]
+                command += ["--quick"] * options.quick
                 return subprocess.run(command).returncode
             study = _study(options, build is not None, stop)
             for name, seed, fly in study.cases:
@@ -136,6 +137,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         ("--services", "ask for each service in each state"),
         ("--first-flight", "do `tombo first-flight`, without and with each planted fault"),
         ("--simulated", "the simulated PX4 flies, in place of a real one"),
+        ("--quick", "with --first-flight: listen and hover for seconds only"),
         ("--docs", "write the table into its page"),
     ):
         parser.add_argument(name, action="store_true", help=text)

@@ -46,10 +46,12 @@ STEPS = (
     ),
     Step(
         "parameters", "", "PX4's parameters against the file of `tombo px4 --write-params`",
-        "load that file in QGroundControl, and restart PX4", checks.check_parameters,
+        "load the file of `tombo px4 --write-params` in QGroundControl, and restart PX4",
+        checks.check_parameters,
     ),
     Step(
-        "battery", "", "charge, and PX4's limits of it", "charge the battery; set the limits",
+        "battery", "", "charge, and PX4's limits of it",
+        "charge the battery; set BAT_LOW_THR, BAT_CRIT_THR, BAT_EMERGEN_THR and COM_LOW_BAT_ACT",
         checks.check_battery, True,
     ),
     Step(
@@ -67,8 +69,9 @@ STEPS = (
         checks.check_rotors,
     ),
     Step(
-        "axes", "Propellers off: turn the vehicle by hand about each axis, carry it along each"
-        " axis, and put it down: ready?", "the bridge proves the axes of the poses; nothing arms",
+        "axes", "Are the propellers off? The bridge will ask you to turn the vehicle by hand about"
+        " each axis, to carry it along each axis, and to put it down: ready?",
+        "the bridge proves the axes of the poses; nothing arms",
         "each finding names its mend (docs/px4.md)", checks.check_axes,
     ),
     Step(
@@ -80,7 +83,7 @@ STEPS = (
         "read the report of the flight (docs/px4.md)", checks.check_hover,
     ),
     Step(
-        "kill", "Fly again: 0.3 m high, and you switch the rotors off there?",
+        "kill", "Fly again: 0.3 m high, and the pilot switches the rotors off there?",
         "flies, and sees the rotors stop", "try the kill switch again on the ground",
         checks.check_kill,
     ),

@@ -49,7 +49,9 @@ def find_up_axis(time_s: Array, position: Array, attitude: Array) -> list[str]:
     if misfit[axis] > misfit["z"] / _CLEARER:
         if not _flies(*means, axis, "z"):
             return []
-        return [f"{where}; but tilt does not agree: position and attitude in different axes?"]
+        return [
+            f"{where}; but tilt does not agree: position and attitude seem to have different axes"
+        ]
     return [f"{where}, and tilt agrees (OptiTrack Motive: set the streamed up axis to Z)"]
 
 
