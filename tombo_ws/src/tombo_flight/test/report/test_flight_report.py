@@ -232,6 +232,34 @@ console.log(JSON.stringify(out));
     assert [seen["mode"] for seen in found][3:6] == [4.0, 4.0, 4.0]
 
 
+@needs_node
+@pytest.mark.parametrize("rotor", [0, 2])
+def test_a_wing_folds_backwards_in_the_plane_of_the_disc(rotor, tmp_path):
+    shape = {"rotors_m": [[0, 0, 0.03]] * 4, "disc_m": 0.111, "nodus_m": 0.035, "leg_m": 0.2}
+    rows = {
+        "position": [0, 0, 0],
+        "attitude": [0, 0, 0, 1],
+        "fold": [0.4 * (k == rotor) for k in range(4)],
+        "damage": [0] * 4,
+        "rotor_speed": [500] * 4,
+        "rotor_thrust": [0] * 4,
+    }
+    probe = f"""
+const rows = {json.dumps(rows)};
+rowAt = (flight, name) => rows[name];
+attitudeAt = () => rows.attitude;
+const parts = vehicleParts({{}}, {json.dumps(shape)}, 0, [0, 0, 9]);
+console.log(JSON.stringify(parts.filter((p) => p.kind === "blade").map((p) => [p.rotor, p.points])));
+"""
+    scripts = asset("flight.js") + asset("vehicle.js")
+    blades = json.loads(run_node(tmp_path / "probe.js", scripts + probe))
+    assert np.allclose([[z for _, _, z in points] for _, points in blades], 0.03)
+    (_, nodus, tip), *_ = (np.array(points) for r, points in blades if r == rotor)
+    assert np.hypot(*tip[:2]) == pytest.approx(0.035 + 0.6 * 0.076)  # the reach of docs/model.md
+    spin = 1 if rotor < 2 else -1
+    assert spin * np.cross(nodus, tip - nodus)[2] < 0
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
 @pytest.mark.parametrize("name", ["whole", "no contact", "one sample"])

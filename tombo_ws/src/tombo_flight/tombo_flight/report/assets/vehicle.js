@@ -25,22 +25,21 @@ function vehicleParts(flight, shape, time, eye) {
   }
   shape.rotors_m.forEach(([x, y, z], rotor) => {
     const hub = [x, y, z], whole = 1 - clamp(damage[rotor], 0, 1), wing = shape.disc_m - shape.nodus_m;
-    // A stiff wing hinged at the nodus: its tip draws in linearly, as in the simulation.
-    const tipAt = (folded) => {
-      const stretched = 1 - clamp(folded, 0, 1);
-      return [shape.nodus_m + wing * stretched, -wing * Math.sqrt(1 - stretched * stretched)];
-    };
-    const rim = ([radius, sink]) => put(ring([x, y, z + sink], radius)), tip = tipAt(fold[rotor]);
+    // A stiff wing turns backwards about the nodus, in the plane of the disc; its tip has the
+    // reach of the simulation.
+    const reachAt = (folded) => shape.nodus_m + wing * (1 - clamp(folded, 0, 1));
+    const rim = (radius) => put(ring(hub, radius)), reach = reachAt(fold[rotor]);
+    const bend = Math.acos(clamp((reach ** 2 - shape.nodus_m ** 2 - wing ** 2) / (2 * shape.nodus_m * wing), -1, 1));
     parts.push({ kind: "arm", points: put([[0.2 * x, 0.2 * y, 0], [x, y, 0]]), thickness: 0.02, rotor });
     parts.push({ kind: "motor", points: put([[x, y, -0.004], [x, y, z - 0.006]]), thickness: 0.028 });
-    if (fold[rotor] > 0.02) parts.push({ kind: "ghost", points: rim(tipAt(0)), rotor });
-    parts.push({ kind: "disc", points: rim(tip), thickness: 0.006, rotor, alpha: whole, nearer: 0.02 });
+    if (fold[rotor] > 0.02) parts.push({ kind: "ghost", points: rim(reachAt(0)), rotor });
+    parts.push({ kind: "disc", points: rim(reach), thickness: 0.006, rotor, alpha: whole, nearer: 0.02 });
     // Blades turn slowly enough to be seen, the way the real ones turn.
-    const spin = speed[rotor] > 20 ? (rotor < 2 ? 40 : -40) * time : 0;
+    const way = rotor < 2 ? 1 : -1, spin = speed[rotor] > 20 ? way * 40 * time : 0;
+    const along = (angle) => [Math.cos(angle), Math.sin(angle), 0];
     for (const angle of whole > 0.05 ? [spin, spin + Math.PI] : []) {
-      const along = [Math.cos(angle), Math.sin(angle), 0];
-      const end = add(scaled(along, tip[0]), [0, 0, tip[1]]);
-      const points = put([hub, add(hub, scaled(along, shape.nodus_m)), add(hub, end)]);
+      const nodus = add(hub, scaled(along(angle), shape.nodus_m));
+      const points = put([hub, nodus, add(nodus, scaled(along(angle - way * bend), wing))]);
       parts.push({ kind: "blade", points, thickness: 0.011, rotor, nearer: 0.02 });
     }
     if (thrust[rotor] > 0.05) {
