@@ -227,7 +227,9 @@ def _statements(topic: str, fields: Mapping[str, Any]) -> list[tuple[str, str, s
         return [("PX4", "px4", "; ".join(words))]
     if topic == DIAGNOSTICS.name:
         return [
-            (f"node {name}", "fault" if level else "node", f"{_LEVELS[level]}, {text}")
+            (f"node {name}", "fault", f"{_LEVELS[level]}, {text}")
+            if level
+            else (f"node {name}", "node", "ok")
             for name, level, text in fields["nodes"]
         ]
     return []

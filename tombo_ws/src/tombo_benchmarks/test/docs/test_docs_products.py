@@ -10,6 +10,7 @@ import yaml
 from tombo_benchmarks.docs.__main__ import ROOT
 from tombo_benchmarks.docs.markdown import marked
 from tombo_benchmarks.docs.products import CAMPAIGN, PRODUCTS, campaign_table, two_modes
+from tombo_benchmarks.docs.site_source import arrows
 from tombo_benchmarks.docs.tables import wiring_mermaid
 
 
@@ -58,6 +59,17 @@ def test_wiring_is_drawn_with_an_arrow_per_publisher_and_subscriber():
         '    sim -- "imu" --> controller',
         '    estimator -- "odometry" --> controller',
         '    controller -- "command" --> sim',
+    ]
+
+
+def test_the_site_has_a_row_for_each_arrow_of_a_diagram():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = arrows(marked(page, "wiring")).splitlines()[2:]
+    assert len(rows) == marked(page, "wiring").count("-->")
+    assert "| sim | mocap/pose, imu/data_raw | estimator |" in rows
+    assert arrows('a["A<br/>B"] -- x --> b\nb -- "y" --> c["C"]').splitlines()[2:] == [
+        "| A, B | x | b |",
+        "| b | y | C |",
     ]
 
 

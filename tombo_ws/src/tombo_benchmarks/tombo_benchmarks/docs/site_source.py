@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import typer
 
+from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_bringup.cli.main import application
 
 ROOT: Final = Path(__file__).resolve().parents[5]
@@ -45,11 +46,22 @@ def _copy_page(page: Path, folder: Path) -> None:
             _copy(target, folder)
         elif target.is_dir():  # a site has no listing of a folder: its name stays
             text = re.sub(rf"\[([^]]+)\]\({re.escape(link)}\)", r"\1", text)
-    # Diagrams would need a script from elsewhere: their text is legible.
-    text = text.replace("```mermaid", "```text")
+    text = re.sub(r"```mermaid\n(.*?)```", lambda m: arrows(m[1]), text, flags=re.DOTALL)
     place = folder / page.relative_to(ROOT)
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_text(text, encoding="utf-8")
+
+
+def arrows(diagram: str) -> str:
+    """Return a Mermaid flow chart as a table: drawing it would need a script from elsewhere."""
+    names = dict(re.findall(r'(\w+)\["([^"]*)"\]', diagram))
+    rows = [
+        [names.get(source, source), what, names.get(target, target)]
+        for source, what, target in re.findall(
+            r'^ *(\w+)\S*(?:\[".*"\])? -- "?([^"\n]*?)"? --> (\w+)', diagram, re.MULTILINE
+        )
+    ]
+    return table_markdown(("from", "what", "to"), rows).replace("<br/>", ", ")
 
 
 def _copy(file: Path, folder: Path) -> None:

@@ -42,10 +42,10 @@ class Jets(Record):
 def downwash(plant: Plant, noise: Array, state: Jets, strength: float) -> None:
     """Blow down with the round turbulent jet of each vehicle above (Pope 2000, Eqs. 5.7, 5.82).
 
-    Speed U = B K / x (1 + a (r/x)^2)^-2 at radius r and distance x below, K = sqrt(4 T / (pi rho))
-    of thrust T. The far field of quadrotors is such a jet (Bauersfeld et al. 2024). Nearer than
-    2 sqrt(2) B R, where U is that of the wake by momentum theory, x is this distance.
-    The jet is vertical, and the other vehicle has rotors of the same radius R.
+    At radius r and distance x below, the speed is U = B K / x (1 + a (r/x)^2)^-2. The thrust T
+    gives K = sqrt(4 T / (pi rho)). The far field of quadrotors is such a jet (Bauersfeld et al.
+    2024). Nearer than 2 sqrt(2) B R, where U is that of the wake by momentum theory, x is this
+    distance. The jet is vertical, and the other vehicle has rotors of the same radius R.
     """
     core = 2.0 * math.sqrt(2.0) * _DECAY * plant.vehicle.rotor_radius
     for k in range(MOST_OTHERS):

@@ -249,7 +249,8 @@ const rows = {json.dumps(rows)};
 rowAt = (flight, name) => rows[name];
 attitudeAt = () => rows.attitude;
 const parts = vehicleParts({{}}, {json.dumps(shape)}, 0, [0, 0, 9]);
-console.log(JSON.stringify(parts.filter((p) => p.kind === "blade").map((p) => [p.rotor, p.points])));
+const blades = parts.filter((p) => p.kind === "blade");
+console.log(JSON.stringify(blades.map((p) => [p.rotor, p.points])));
 """
     scripts = asset("flight.js") + asset("vehicle.js")
     blades = json.loads(run_node(tmp_path / "probe.js", scripts + probe))

@@ -139,7 +139,7 @@ def _reading(
     return {"rpm": rpm, "value": value, "deviation": deviation, "text": text, "chosen": chosen}
 
 
-_DEFORMED: Final = "never measured: the distance between the laws is the least that is unknown"
+_DEFORMED: Final = "never measured: the difference between the laws is a lower error bound"
 
 
 def top_speed(configuration: Configuration) -> float:

@@ -213,7 +213,7 @@ class Live {
     const states = Object.entries(last.state).filter(([key]) => !key.startsWith("node "));
     const faulty = Object.entries(last.state).filter(([key, text]) => key.startsWith("node ") && !text.startsWith("ok"));
     const vehicles = (last.vehicles || []).map(({ name, position, phase }) =>
-      [name, position ? `${phase || "no phase"} at ${position[2].toFixed(2)} m` : "not seen", position ? "" : "bad"]);
+      [name, position ? `at ${position[2].toFixed(2)} m: ${phase || "no phase"}` : "not seen", position ? "" : "bad"]);
     fillList(find("states"), [
       ...vehicles,
       ["poses", `latency ${shown(pose.latency_ms)}, age ${shown(pose.age_ms)}`, pose.silent ? "bad" : ""],
