@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -31,3 +32,14 @@ def test_the_mission_answers_and_no_other_node_is_asked(world, start):
     absent = call("kill")
     assert absent.returncode == 1
     assert "kill refused: no node offers controller/kill" in absent.stdout
+
+
+def test_the_vehicle_of_a_namespace_is_asked(world, start):
+    status = dataclasses.replace(MISSION_STATUS, name=f"/v2{MISSION_STATUS.name}")
+    world.subscribe(status)
+    start("tombo_control.mission_node", "-r", "__ns:=/v2")
+    world.meet(status, patience_s=PATIENCE_S)
+    answer = json.loads(call("takeoff", "--vehicle", "v2", "--json").stdout)
+    assert answer["message"] and "no node offers" not in answer["message"]
+    wrong = call("land", "--vehicle", "v 2")
+    assert (wrong.returncode, wrong.stdout) == (2, "") and "accepted: a name" in wrong.stderr

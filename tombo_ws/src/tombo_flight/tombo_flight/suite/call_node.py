@@ -1,6 +1,6 @@
 """Asks the running nodes for one thing, as an operator does, and prints what they answer.
 
-    python -m tombo_flight.suite.call_node takeoff|hold|land|abort|kill
+    python -m tombo_flight.suite.call_node takeoff|hold|land|abort|kill NAMESPACE [--json]
 
 Exit code 0 when it was obeyed, 1 when it was refused, 2 when no node offers it.
 """
@@ -26,9 +26,9 @@ _LOOK_S = 0.02
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Ask, wait for the answer, print it."""
-    request, *more = (sys.argv if argv is None else list(argv))[1:]
+    request, namespace, *more = (sys.argv if argv is None else list(argv))[1:]
     rclpy.init()
-    node = Node("operator", start_parameter_services=False)
+    node = Node("operator", namespace=namespace, start_parameter_services=False)
     try:
         requests = OperatorRequests(node)
         end_s = time.monotonic() + _DISCOVERY_S

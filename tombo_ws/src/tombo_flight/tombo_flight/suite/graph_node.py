@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -29,8 +29,10 @@ from tombo_ros.topic import message_class
 
 _PATIENCE_S = 20.0
 """So long a node may take to be discovered, or to answer, on a busy machine."""
+_MEET_S = 5.0
+"""Time in which all nodes and topics have been discovered after the first, on a busy machine."""
 _BRIDGE_S = 0.5
-"""Time in which all nodes have been discovered after the first [s]."""
+"""The same on an idle machine, where everything is listed."""
 _LOOK_S = 0.02
 _NAME = "graph"
 _Show = Callable[[Any], None]
@@ -48,20 +50,25 @@ def _topics(node: Node) -> dict[str, str]:
     return {name: kinds[0] for name, kinds in sorted(found) if node.count_publishers(name)}
 
 
-def _full_name(what: str, name: str, known: Any) -> str:
-    if (name := f"/{name.lstrip('/')}") not in known:
-        raise unknown_name(what, name, known)
+def _await_name(kind: str, name: str, discovered: Callable[[], Collection[str]]) -> str:
+    """Return the full name of a topic or node once it is discovered."""
+    name = f"/{name.lstrip('/')}"
+    end_s = time.monotonic() + _MEET_S
+    while name not in (known := discovered()):
+        if time.monotonic() > end_s:
+            raise unknown_name(kind, name, known)
+        time.sleep(_LOOK_S)
     return name
 
 
 def _subscribe(node: Node, name: str, take: Callable[[Any], None]) -> None:
     """Hand each message of a topic to `take`, those of a latched one from the first on."""
-    topics = _topics(node)
-    name = _full_name("topic", name, topics)
+    name = _await_name("topic", name, lambda: _topics(node))
+    typename = _topics(node)[name]
     try:
-        kind = message_class(topics[name])
+        kind = message_class(typename)
     except ImportError as error:
-        raise InputError(f"{name}: {topics[name]} is not installed") from error
+        raise InputError(f"{name}: {typename} is not installed") from error
     offered = [info.qos_profile for info in node.get_publishers_info_by_topic(name)]
     latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offered)
     latest = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -106,7 +113,7 @@ def _topic(node: Node, show: _Show, verb: str, name: str, count: int, seconds: f
 
 def _param(node: Node, show: _Show, verb: str, name: str, key: str = "", value: str = "") -> int:
     """List, print or set parameters of a node."""
-    name = _full_name("node", name, _nodes(node))
+    name = _await_name("node", name, lambda: _nodes(node))
     client = AsyncParameterClient(node, name)
 
     def answer(future: Any) -> Any:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 
 import typer
 
-from tombo_bringup.cli.options import Domain, Shown, argument, command, record
-from tombo_dynamics.errors import unknown_name
+from tombo_bringup.cli.options import Domain, Shown, argument, command, option, record
+from tombo_dynamics.errors import InputError, unknown_name
 
 app = typer.Typer()
 
@@ -16,9 +17,18 @@ REQUESTS = ("takeoff", "hold", "land", "abort", "kill")
 CALL_EXIT_CODES = "Exit code: 0 when it was obeyed; 1 when it was refused; 2 for bad input."
 
 
+def _namespace(name: str | None) -> str | None:
+    if name is not None and not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
+        raise InputError(f"--vehicle '{name}': not a namespace; accepted: a name such as v1")
+    return name
+
+
 @record
 class _Request:
     request: str = argument("NAME", "takeoff, hold, land, abort or kill.")
+    vehicle: str | None = option(
+        "--vehicle V1", "One vehicle of `tombo up --vehicles`: its namespace.", check=_namespace
+    )
 
 
 @command(app, epilog=CALL_EXIT_CODES)
@@ -36,6 +46,7 @@ def call(given: _Request, domain: Domain, shown: Shown) -> None:
     if request not in REQUESTS:
         raise unknown_name("request", request, REQUESTS)
     environment = discovery_environment(os.environ, domain.domain)
-    words = ["-m", "tombo_flight.suite.call_node", request, *(["--json"] if shown.as_json else [])]
+    words = ["-m", "tombo_flight.suite.call_node", request, given.vehicle or "/"]
+    more = ["--json"] if shown.as_json else []
     sys.stdout.flush()
-    os.execve(sys.executable, [sys.executable, *words], environment)
+    os.execve(sys.executable, [sys.executable, *words, *more], environment)

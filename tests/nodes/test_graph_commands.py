@@ -1,0 +1,57 @@
+"""`tombo topic` and `tombo param` look at running nodes, which they first have to discover."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+import yaml
+
+from tombo_bag.topics import DIAGNOSTICS
+
+pytest.importorskip("rclpy")
+PATIENCE_S = 300.0
+
+
+def look(*words: str, code: int = 0) -> Any:
+    """Return the JSON of a command; it is repeated until the exit code is the wanted one."""
+    command = [sys.executable, "-m", "tombo_bringup.cli.main", *words, "--json"]
+    end_s = time.monotonic() + PATIENCE_S
+    while True:
+        run = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+        if run.returncode == code or time.monotonic() > end_s:
+            break
+    assert run.returncode == code, run.stderr
+    return run if code == 2 or words[1] == "dump" else json.loads(run.stdout)
+
+
+@pytest.fixture
+def mission(world, start):
+    world.subscribe(DIAGNOSTICS)
+    start("tombo_control.mission_node")
+    world.meet(DIAGNOSTICS, patience_s=PATIENCE_S)
+
+
+def test_topics_are_listed_printed_and_measured(mission):
+    assert look("topic", "list")[DIAGNOSTICS.name] == DIAGNOSTICS.typename
+    (status, *_) = look("topic", "echo", DIAGNOSTICS.name, "-n", "1")["status"]
+    assert status["name"] == "mission"
+    measured = look("topic", "hz", DIAGNOSTICS.name, "--seconds", "5")
+    assert measured["messages"] > 0 and measured["rate_hz"] >= 0.0
+    assert "unknown topic '/nothing'" in look("topic", "echo", "/nothing", code=2).stderr
+
+
+def test_parameters_are_listed_set_refused_and_written(mission):
+    name = "mission.height"
+    assert name in look("param", "list", "mission")
+    assert look("param", "set", "mission", name, "1.7") == {"set": True, "reason": ""}
+    refused = look("param", "set", "mission", name, "99", code=1)
+    assert not refused["set"] and "out of range" in refused["reason"]
+    assert look("param", "get", "mission", name) == 1.7
+    (file,) = yaml.safe_load(look("param", "dump", "mission").stdout).values()
+    assert file["ros__parameters"][name] == 1.7
+    assert "unknown parameter" in look("param", "get", "mission", "nothing", code=2).stderr
