@@ -27,7 +27,6 @@ from tombo_flight.report.flight_plot import draw_flight, figure_bytes
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_diagnostics import NodeStatus
 from tombo_flight.suite.node_flight import over_mavlink
-from tombo_flight.suite.nodes import SUITE
 from tombo_flight.suite.px4_connection import find_vehicle, px4_connection
 from tombo_flight.suite.px4_flight import READY_S, START_S, BridgeMonitor, px4_metrics
 from tombo_px4.bridge.bridge_params import LinkParams
@@ -35,24 +34,15 @@ from tombo_px4.bridge.vehicle_parameters import parse_assignments
 
 
 def test_without_a_url_both_ends_meet_on_a_free_port_of_this_machine():
-    connection = px4_connection(None, ["px4.setpoint=rates", "link.own_system=200"])
+    connection = px4_connection(None, ["px4.stream_rate=50", "link.own_system=200"])
 
     port = int(connection.link.url.rpartition(":")[2])
     assert connection.simulated
     assert connection.link.url == f"udpin://127.0.0.1:{port}"
     assert connection.parameters["sim"]["onboard_url"] == f"udpout://127.0.0.1:{port}"
-    assert connection.parameters["px4_bridge"]["px4"]["setpoint"] == "rates"
+    assert connection.parameters["px4_bridge"]["px4"]["stream_rate"] == 50.0
     assert connection.parameters["px4_bridge"]["link"]["own_system"] == 200
     assert px4_connection(None, []).link.url != connection.link.url
-
-
-def test_set_points_of_attitude_come_from_our_controller_on_a_faster_gyro():
-    plain, more = px4_connection(None, []), px4_connection(None, ["px4.setpoint=attitude"])
-    assert "controller" not in over_mavlink(plain)["suite"]
-    assert over_mavlink(more)["suite"]["controller"] == SUITE["controller"]
-    assert more.bridge.imu_rate == 250.0 > plain.bridge.imu_rate
-    chosen = px4_connection(None, ["px4.setpoint=rates", "px4.imu_rate=100"])
-    assert chosen.bridge.imu_rate == 100.0
 
 
 def test_with_a_url_nothing_is_simulated():

@@ -21,43 +21,27 @@ from std_srvs.srv import SetBool, Trigger
 
 from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.message_codec import CONSTANTS, MessageCodec
-from tombo_bag.topics import (
-    ATTITUDE_SETPOINT,
-    BATTERY,
-    ESTIMATOR_STATUS,
-    IMU,
-    MOCAP_POSE,
-    ODOMETRY,
-    PX4_STATUS,
-    RATES_SETPOINT,
-    SETPOINT,
-    TF,
-)
+from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ODOMETRY, PX4_STATUS, SETPOINT, TF
 from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
 from tombo_dynamics.input_check import PoseRefusal
-from tombo_dynamics.messages import (
-    EstimatorStatus,
-    Imu,
-    Odometry,
-    PositionSetpoint,
-    unknown_covariance,
-)
+from tombo_dynamics.messages import Imu, Odometry, PositionSetpoint, unknown_covariance
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_msgs.msg import Px4Status
 from tombo_px4.bridge.axes_proof import AxesEvidence, AxesFile
 from tombo_px4.bridge.bridge import Bridge
-from tombo_px4.bridge.bridge_params import ATTITUDE, RATES, BridgeParams, LinkParams
+from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
 from tombo_px4.bridge.link_health import link_faults
 from tombo_px4.bridge.session import BridgeOutput, BridgeStatus, SessionStage
 from tombo_px4.bridge.setpoint_stream import FlightLimits
 from tombo_px4.bridge.vehicle_parameters import parse_assignments
-from tombo_px4.link.mavlink_link import Link, read_key
+from tombo_px4.link.mavlink_link import read_key
 from tombo_px4.link.messages import BatteryReading, VehicleImu, VehicleOdometry
+from tombo_px4.link.vehicle_link import open_link
 from tombo_px4.modes import OFFBOARD, MavLandedState, Severity, mode_name
 from tombo_ros.conversion import array, to_ns, to_time
 from tombo_ros.core_node import main_of
@@ -123,28 +107,14 @@ class Px4BridgeNode(LoopNode):
             proofs=self._proofs.of_body(params.tracked_body),
             limits=FlightLimits(self.records["volume"], self.records["safety"]),
         )
-        self._link = Link(
-            link.url,
-            system=link.own_system,
-            component=link.own_component,
-            clock=time.time_ns,
-            accept_system=link.system,
-            accept_component=link.component,
-            key=key,
-            allow_remote=link.allow_remote,
-        )
+        self._link = open_link(link, key, time.time_ns)
         rotate_vector(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))  # loads its compiled code now
         self._pose_in = self.subscribe(MOCAP_POSE, depth=20)
         self._pose_came_ns: int | None = None
         """Capture of the newest pose, whether or not it can be used."""
         self._setpoint_in = self.subscribe(SETPOINT)
         self._setpoint_codec = MessageCodec(SETPOINT.typename)
-        rotations = {ATTITUDE: ATTITUDE_SETPOINT, RATES: RATES_SETPOINT}
-        topic = rotations.get(self.records["px4"].setpoint)
-        self._attitude_or_rates_in = None if topic is None else self.subscribe(topic, depth=20)
         self._odometry_out, self._imu_out = self.advertise(ODOMETRY), self.advertise(IMU)
-        # the controller behind those set points asks for it
-        self._estimator_out = None if topic is None else self.advertise(ESTIMATOR_STATUS)
         self._battery_out, self._status_out = self.advertise(BATTERY), self.advertise(PX4_STATUS)
         self._seldom_ns = 0
         """Stamp of the last estimate that went out as a transform, too."""
@@ -247,15 +217,6 @@ class Px4BridgeNode(LoopNode):
                 text = f"set point: {error}: the last one stands"
             if text:
                 self.health.report_event("setpoint_refused", text)
-        if self._attitude_or_rates_in is None:
-            return
-        for arrival in self._attitude_or_rates_in.take():
-            message = arrival.message
-            attitude = hasattr(message, "orientation")
-            wanted = array(message.orientation if attitude else message.rates)
-            if not self._bridge.stream.rotation(wanted, float(message.thrust), now_ns):
-                text = "attitude or rates with NaN, or no rotation: the last one stands"
-                self.health.report_event("rotation_refused", text)
 
     def _report(self, bridge_output: BridgeOutput, now_ns: int) -> None:
         """Log texts, keep the faults, publish the status."""
@@ -294,20 +255,11 @@ class Px4BridgeNode(LoopNode):
         if stamp_ns - self._seldom_ns < _TF_NS:
             return
         self._seldom_ns = stamp_ns
-        if self._estimator_out is not None:
-            self._estimator_out.send(self._estimator_status(stamp_ns))
         if self._tf_out is not None:
             lay_in_times(self._tf, "transforms[0].header.stamp", stamp_ns)
             lay_in(self._tf, "transforms[0].transform.translation", odometry.position)
             lay_in(self._tf, "transforms[0].transform.rotation", attitude)
             self._tf_out.publish(self._tf.tobytes())
-
-    def _estimator_status(self, stamp_ns: int) -> EstimatorStatus:
-        """Return the last pose's stamp; PX4 sends no biases, its gyro is corrected for them."""
-        bridge, no_bias = self._bridge, np.zeros(3)
-        rejected = sum(bridge.poses_refused.values())
-        poses = (bridge.pose_stamp_ns, bridge.poses_sent, rejected)
-        return EstimatorStatus(stamp_ns, True, no_bias, no_bias, *poses)
 
     def _publish_imu(self, sample: VehicleImu) -> None:
         assert sample.stamp_ns is not None

@@ -6,7 +6,6 @@ endian], then a frame of MAVLink 1 or 2 (mavlink.io, "Serialization"). pymavlink
 
 from __future__ import annotations
 
-import struct
 from collections import Counter, defaultdict
 from typing import Any
 
@@ -19,7 +18,7 @@ _AUTOPILOT = 1
 """Component that is the autopilot itself."""
 _EARLIEST_US, _LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
 """2000 to 2100."""
-_ODOMETRY, _ESC_STATUS = 331, 291
+_ODOMETRY = 331
 MOCAP = (138, _ODOMETRY, 104, 102)
 """Poses from outside, best first: ATT_POS_MOCAP, ODOMETRY that is not the autopilot's, VICON_ and
 VISION_POSITION_ESTIMATE."""
@@ -38,7 +37,6 @@ _FIELDS = {
     27: _IMU,  # RAW_IMU
     93: {"control": "controls"},  # HIL_ACTUATOR_CONTROLS
     36: {"output": " ".join(f"servo{k}_raw" for k in range(1, 9))},  # SERVO_OUTPUT_RAW
-    _ESC_STATUS: {"rpm": "rpm"},
     11030: {"rpm": "rpm"},  # ESC_TELEMETRY_1_TO_4
     1: {"voltage": "voltage_battery", "current": "current_battery"},  # SYS_STATUS
 }
@@ -56,7 +54,7 @@ def is_tlog(start: bytes) -> bool:
 
 
 def telemetry_messages(raw: bytes) -> tuple[dict[int, ColumnTable], list[str]]:
-    """Return number of a message → its fields as columns, of one vehicle; and what is damaged.
+    """Return number of a message → its fields as columns, of one vehicle; and the damage.
 
     Each table has `timestamp`, the time of reception [us since 1970]. Its `timestamp_sample` is
     the vehicle's stamp, on the same clock at the mean delay. Poses of a motion capture are taken
@@ -84,38 +82,10 @@ def telemetry_messages(raw: bytes) -> tuple[dict[int, ColumnTable], list[str]]:
     return tables, damage
 
 
-def _define_esc_status(dialect: Any) -> Any:
-    """Return the class of ESC_STATUS, which pymavlink leaves out of a dialect: it is unfinished.
-
-    Checksum byte and order of the fields are those of MAVLink's `common.xml`.
-    """
-    fields = ["time_usec", "rpm", "voltage", "current", "index"]
-
-    def begin(self: Any, *values: Any) -> None:
-        dialect.MAVLink_message.__init__(self, _ESC_STATUS, "ESC_STATUS")
-        self._fieldnames = fields
-        vars(self).update(zip(fields, values, strict=True))
-
-    content = {
-        "id": _ESC_STATUS,
-        "msgname": "ESC_STATUS",
-        "crc_extra": 10,
-        "unpacker": struct.Struct("<Q4i4f4fB"),
-        "orders": list(range(5)),
-        "lengths": [1, 4, 4, 4, 1],
-        "array_lengths": [0, 4, 4, 4, 0],
-        "fieldnames": fields,
-        "ordered_fieldnames": fields,
-        "__init__": begin,
-    }
-    return type("MAVLink_esc_status_message", (dialect.MAVLink_message,), content)
-
-
 def _streams(raw: bytes) -> tuple[_Streams, list[str]]:
     """Return the messages of each sender, and the unreadable parts."""
     from pymavlink.dialects.v20 import ardupilotmega  # takes time, which other logs need not
 
-    ardupilotmega.mavlink_map.setdefault(_ESC_STATUS, _define_esc_status(ardupilotmega))
     link = ardupilotmega.MAVLink(None)
     streams: _Streams = defaultdict(list)
     at = rejected = 0
@@ -134,7 +104,7 @@ def _streams(raw: bytes) -> tuple[_Streams, list[str]]:
         except ardupilotmega.MAVError:
             at, rejected = at + 1, rejected + 1
             continue
-        if message is not None and getattr(message, "index", 0) == 0:  # ESC_STATUS: the first four
+        if message is not None:
             sender = (message.get_srcSystem(), message.get_srcComponent())
             streams[number, *sender].append((int.from_bytes(raw[at:begin], "big"), message))
         at = end

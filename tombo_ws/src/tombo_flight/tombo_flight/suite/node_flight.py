@@ -26,12 +26,11 @@ from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 from tombo_flight.suite.node_diagnostics import node_metrics
-from tombo_flight.suite.nodes import HIL_SIM, PX4_SUITE, SUITE, free_domain, udp_ports
+from tombo_flight.suite.nodes import HIL_SIM, PX4_SUITE, free_domain, udp_ports
 from tombo_flight.suite.px4_connection import Px4Connection
 from tombo_flight.suite.px4_flight import BridgeMonitor, px4_metrics
 from tombo_flight.suite.running import LOGS, RunningSuite, SuiteConfig
 from tombo_flight.suite.supervisor import ProcessExit
-from tombo_px4.bridge.bridge_params import POSITION
 from tombo_sim.flight_setup import begin
 from tombo_sim.ground_truth import FlightEndDetector
 
@@ -202,8 +201,6 @@ def over_mavlink(px4: Px4Connection) -> dict[str, Any]:
     suite = dict(PX4_SUITE)
     if px4.hil_port:
         suite["sim"] = HIL_SIM
-    if px4.bridge.setpoint != POSITION:  # the controller computes attitudes or rates
-        suite["controller"] = SUITE["controller"]
     return {"suite": suite, "without": () if px4.simulated else ("sim",), "more": px4.parameters}
 
 

@@ -13,10 +13,10 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario import override
 from tombo_px4.autopilot.parameters import ParameterTable
-from tombo_px4.bridge.bridge_params import POSITION, SIMULATED, BridgeParams, LinkParams
+from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
 from tombo_px4.bridge.vehicle_parameters import SETS, parse_assignments
 from tombo_px4.link.mavlink_link import Link, parse_url, read_key
-from tombo_px4.link.messages import MessageTarget, read_parameter
+from tombo_px4.link.vehicle_link import PATIENCE_S, VehicleLink
 from tombo_px4.modes import mode_name, mode_of
 
 _RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {
@@ -27,8 +27,6 @@ _RECORDS: Final[dict[str, type[LinkParams] | type[BridgeParams]]] = {
 _PX4_PARAMETERS: Final = "px4_parameters"
 """The bridge's list of parameters that it sets in PX4."""
 _HERE: Final = "127.0.0.1"
-_GYRO_HZ: Final = 250.0
-"""Rate of the attitude loop."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ def px4_connection(url: str | None, settings: Sequence[str]) -> Px4Connection:
 
     Args:
         url: of the bridge's link to a PX4 that is there; None: simulate one, on a free port.
-        settings: of the bridge, as `px4.setpoint=attitude`.
+        settings: of the bridge, as `px4.stream_rate=50`.
 
     Raises:
         InputError: unknown parameter, or a value that is not accepted.
@@ -110,10 +108,7 @@ def px4_connection(url: str | None, settings: Sequence[str]) -> Px4Connection:
             f"--bridge px4.axes_evidence={SIMULATED}: accepted: without a URL, where this command"
             " simulates the vehicle; prove the axes by hand (docs/px4.md)"
         )
-    if wanted.get("setpoint", POSITION) != POSITION:  # our controller flies by PX4's gyro
-        wanted.setdefault("imu_rate", _GYRO_HZ)
     bridge = from_mapping(BridgeParams, wanted, "px4")
-    bridge.check()
     link_key(link)
     parse_url(link.url, link.allow_remote)
     return Px4Connection(link, bridge, endpoint, writes=writes)
@@ -172,13 +167,8 @@ def free_udp_port() -> int:
         return int(probe.getsockname()[1])
 
 
-PATIENCE_S: Final = 10.0
-"""A vehicle that boots says nothing for some seconds."""
-_PERIOD_S = 0.1
-_ASKED, _ANSWER_S = 4, 0.5
-_OWN_HEARTBEAT_S = 0.5
-_ON_BOARD, _NO_AUTOPILOT, _PX4, _ACTIVE = 18, 8, 12, 4
-"""MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, MAV_AUTOPILOT_PX4, MAV_STATE_ACTIVE."""
+_PX4: Final = 12
+"""MAV_AUTOPILOT_PX4."""
 _KINDS: Final = {2: "quadrotor", 13: "hexarotor", 14: "octorotor"}
 _ARMED = 128
 _SIGNED = 1
@@ -224,82 +214,33 @@ def find_vehicle(
         InputError: the link can't be opened; the vehicle is missing or another one; or it does not
         know a parameter.
     """
-    link = Link(
-        params.url,
-        system=params.own_system,
-        component=params.own_component,
-        clock=time.time_ns,
-        key=link_key(params),
-        allow_remote=params.allow_remote,
-    )
-    try:
-        vehicle = _find(link, params, patience_s, stop)
-        if vehicle is not None and not vehicle.armed:
-            _check_parameters(link, params, parameters, stop)
-        return vehicle
-    finally:
-        link.close()
-
-
-def _find(
-    link: Link, params: LinkParams, patience_s: float, stop: Callable[[], bool]
-) -> Vehicle | None:
-    others: set[tuple[int, int]] = set()
-    end_s = time.monotonic() + patience_s
-    spoken_s = -_OWN_HEARTBEAT_S
-    while (now_s := time.monotonic()) < end_s:
+    with VehicleLink(params, link_key(params), time.time_ns, patience_s, stop) as link:
         if stop():
             return None
-        if now_s - spoken_s >= _OWN_HEARTBEAT_S:
-            spoken_s = now_s
-            link.send(link.mav.heartbeat_encode(_ON_BOARD, _NO_AUTOPILOT, 0, 0, _ACTIVE))
-        link.wait(_PERIOD_S)
-        for received in link.receive():
-            if received.message.get_type() != "HEARTBEAT":
-                continue
-            sender = (received.system, received.component)
-            if sender == (params.system, params.component):
-                if not params.key_file and _signed(received.message):
-                    raise InputError(
-                        f"link '{params.url}': PX4 signs its messages and this side has no key: "
-                        "--bridge link.key_file=…; accepted: the file of PX4's key"
-                    )
-                return _parse_heartbeat(received.message, *sender)
-            others.add(sender)
-    raise InputError(_no_vehicle_text(link, params, patience_s, others))
-
-
-def _check_parameters(
-    link: Link, params: LinkParams, names: Sequence[str], stop: Callable[[], bool]
-) -> None:
-    """Ask for parameters until each is known; to an unknown name PX4 is silent.
-
-    Raises:
-        InputError: one was not answered.
-    """
-    target = MessageTarget(params.system, params.component)
-    left = set(names)
-    for _ in range(_ASKED):
-        for name in sorted(left):
-            link.send(read_parameter(target, name))
-        end_s = time.monotonic() + _ANSWER_S
-        while left and time.monotonic() < end_s and not stop():
-            link.wait(_PERIOD_S)
-            for received in link.receive():
-                if received.message.get_type() == "PARAM_VALUE":
-                    left.discard(received.message.param_id)
-    if left and not stop():
-        raise InputError(
-            f"px4_parameters: PX4 does not know {', '.join(sorted(left))}; accepted: names of its"
-            " own parameters"
-        )
+        if link.heartbeat is None:
+            raise InputError(_no_vehicle_text(link.link, params, patience_s))
+        if not params.key_file and _signed(link.heartbeat):
+            raise InputError(
+                f"link '{params.url}': PX4 signs its messages and this side has no key: "
+                "--bridge link.key_file=…; accepted: the file of PX4's key"
+            )
+        vehicle = _parse_heartbeat(link.heartbeat)
+        asked = () if vehicle.armed else parameters
+        unknown = sorted(set(asked) - link.parameters(asked).keys())
+        if unknown and not stop():
+            raise InputError(
+                f"px4_parameters: PX4 does not know {', '.join(unknown)}; accepted: names of its"
+                " own parameters"
+            )
+        return vehicle
 
 
 def _signed(message: Any) -> bool:
     return bool(message.get_header().incompat_flags & _SIGNED)
 
 
-def _parse_heartbeat(heartbeat: Any, system: int, component: int) -> Vehicle:
+def _parse_heartbeat(heartbeat: Any) -> Vehicle:
+    system, component = heartbeat.get_srcSystem(), heartbeat.get_srcComponent()
     if heartbeat.autopilot != _PX4:
         raise InputError(
             f"system {system}, component {component}: autopilot {heartbeat.autopilot} is no PX4; "
@@ -314,18 +255,15 @@ def _parse_heartbeat(heartbeat: Any, system: int, component: int) -> Vehicle:
     )
 
 
-def _no_vehicle_text(
-    link: Link, params: LinkParams, patience_s: float, others: set[tuple[int, int]]
-) -> str:
+def _no_vehicle_text(link: Link, params: LinkParams, patience_s: float) -> str:
     """Return in one line why the vehicle is missing."""
     wanted = f"system {params.system}, component {params.component}"
-    if others:
-        listed = ", ".join(f"{s}/{c}" for s, c in sorted(others))
-        system, component = min(others)
+    if link.mav.rejected_sender is not None:
+        system, component = link.mav.rejected_sender
         return (
             f"link '{params.url}': no heartbeat of {wanted} within {patience_s:g} s, but of "
-            f"{listed}; accepted: the vehicle's own ids, as in --bridge link.system={system} "
-            f"--bridge link.component={component}"
+            f"{system}/{component}; accepted: the vehicle's own ids, as in --bridge "
+            f"link.system={system} --bridge link.component={component}"
         )
     refused = {
         key: count

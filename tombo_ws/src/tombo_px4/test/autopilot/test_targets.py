@@ -17,7 +17,6 @@ def test_each_kind_is_the_outermost_loop_that_is_commanded():
     assert motion(push=[1, 2, 3]).kind == ControlLevel.ACCELERATION
     assert motion([NAN, NAN, 3], [1, 2, NAN]).kind == ControlLevel.POSITION
     assert OffboardSetpoint(attitude=LEVEL, thrust=0.5).kind == ControlLevel.ATTITUDE
-    assert OffboardSetpoint(rates=np.zeros(3), thrust=0.5).kind == ControlLevel.RATES
 
 
 def test_which_axes_may_be_left_out():
@@ -36,12 +35,10 @@ def test_which_axes_may_be_left_out():
         (motion([1, 2, NAN]), "axis is not commanded"),
         (motion([1, NAN, 2], [NAN, 1, NAN]), "x and y differ"),
         (OffboardSetpoint(attitude=LEVEL), "no thrust"),
-        (OffboardSetpoint(rates=np.zeros(3)), "no thrust"),
         (OffboardSetpoint(attitude=np.zeros(4), thrust=0.5), "no unit quaternion"),
         (OffboardSetpoint(attitude=np.full(4, NAN), thrust=0.5), "not finite"),
         (OffboardSetpoint(thrust=0.5), "nothing"),
         (motion([1e6, 0, 0]), "out of range"),
-        (OffboardSetpoint(rates=np.array([0, 0, 1e3]), thrust=0.5), "out of range"),
     ],
 )
 def test_refused_with_the_reason(target, why):

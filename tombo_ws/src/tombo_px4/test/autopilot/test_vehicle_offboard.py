@@ -45,15 +45,6 @@ def test_attitude_is_taken_and_accelerates_that_way(pitch, roll, axis, sign):
     assert abs(rows[-1, 5]) < 0.2  # the hover's thrust keeps the height, about
 
 
-def test_rates_are_followed():
-    flight = hovering(vision=True)
-    hover = flight.vehicle.parameters.get("MPC_THR_HOVER")
-    flight.fly(0.7, OffboardSetpoint(rates=np.array([0.0, 0.0, 0.6]), thrust=hover))
-    assert flight.fly(0.3)[:, 12].mean() == pytest.approx(0.6, abs=0.06)
-    flight.fly(0.3, OffboardSetpoint(rates=np.array([0.4, 0.0, 0.0]), thrust=hover))
-    assert flight.fly(0.2)[:, 10].mean() == pytest.approx(0.4, abs=0.08)
-
-
 def test_limits_of_speed():
     flight = hovering(vision=True)
     table = flight.vehicle.parameters

@@ -37,40 +37,42 @@ def hand(axes=(1.0, 0.7, 0.8), speed=1.5, seconds=8.0):
     return np.array(attitudes), rates
 
 
-def felt(attitude):
+def specific_force(attitude):
     """The specific force of a vehicle that is turned on the spot, base_link."""
     return rotate_vector(conjugate(attitude), UP)
 
 
-def judged(motion, as_mocap=lambda q: q, delay_s=0.0, noise=0.002, rate=50):
+def verdict_of(motion, as_mocap=lambda q: q, delay_s=0.0, noise=0.002, rate=50):
     """The verdict on a motion seen by poses, stamped `delay_s` late, and a gyro at 100 Hz."""
     attitudes, rates = motion
     rng = np.random.default_rng(2)
     check = MotionCheck(0.17)
     begin = NOW - len(rates) * 1_000_000
     for k in range(0, len(rates), 10):
-        check.imu(begin + k * 1_000_000, rates[k] + rng.normal(0, 0.01, 3), felt(attitudes[k]))
+        check.imu(
+            begin + k * 1_000_000, rates[k] + rng.normal(0, 0.01, 3), specific_force(attitudes[k])
+        )
     for k in range(0, len(rates), 1000 // rate):
         q = as_mocap(attitudes[k])
         shaken = quaternion_multiply(q, np.append(rng.normal(0, 0.5 * noise, 3), 1.0))
         stamp = begin + k * 1_000_000 + round(delay_s * 1e9)
         if stamp <= NOW:
             check.pose(stamp, np.zeros(3), shaken / np.linalg.norm(shaken))
-    return check.judge(NOW)
+    return check.compare(NOW)
 
 
 @pytest.mark.slow
 @settings(max_examples=15)
 @given(st.floats(-0.04, 0.25), st.sampled_from([30, 50, 100]))
 def test_the_delay_of_the_stamps_is_measured(delay, rate):
-    verdict = judged(hand(), delay_s=delay, rate=1000 // (1000 // rate))
+    verdict = verdict_of(hand(), delay_s=delay, rate=1000 // (1000 // rate))
     assert verdict.mistake == ""
     assert verdict.delay_s == pytest.approx(delay, abs=0.008)
 
 
 @pytest.mark.parametrize("axes", [(1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)])
 def test_turning_about_one_axis_proves_nothing(axes):
-    verdict = judged(hand(axes), lambda q: q * [1, 1, -1, 1])
+    verdict = verdict_of(hand(axes), lambda q: q * [1, 1, -1, 1])
     assert not verdict.mistake and not verdict.proven
 
 
@@ -91,19 +93,19 @@ def test_turning_about_one_axis_proves_nothing(axes):
     ],
 )
 def test_wrong_attitudes_are_named(as_mocap, words):
-    assert words in judged(hand(), as_mocap).mistake
+    assert words in verdict_of(hand(), as_mocap).mistake
 
 
 @pytest.mark.parametrize("motion", [hand(speed=0.02), hand(seconds=0.6)])
 def test_without_turning_there_is_no_verdict(motion):
-    assert judged(motion) is None
+    assert verdict_of(motion) is None
 
 
 @pytest.mark.slow
 def test_poses_of_something_else_are_named_without_certainty():
     other, _ = hand((0.3, 1.0, -0.5))
     _, rates = hand()
-    verdict = judged((other[::-1], rates))
+    verdict = verdict_of((other[::-1], rates))
     assert "otherwise than PX4's gyro" in verdict.mistake and not verdict.sure
 
 
@@ -112,12 +114,12 @@ def test_the_verdict_stays_when_the_vehicle_is_put_down():
     check = MotionCheck(0.17)
     begin = NOW - len(rates) * 1_000_000
     for k in range(0, len(rates), 20):
-        check.imu(begin + k * 1_000_000, rates[k], felt(attitudes[k]))
+        check.imu(begin + k * 1_000_000, rates[k], specific_force(attitudes[k]))
         check.pose(begin + k * 1_000_000, np.zeros(3), attitudes[k])
-    first = check.judge(NOW)
+    first = check.compare(NOW)
     for k in range(500):
-        check.imu(NOW + k * 20_000_000, np.zeros(3), felt(attitudes[-1]))
+        check.imu(NOW + k * 20_000_000, np.zeros(3), specific_force(attitudes[-1]))
         check.pose(NOW + k * 20_000_000, np.zeros(3), attitudes[-1])
-    assert check.judge(NOW + 10 * SECOND) == first is not None
+    assert check.compare(NOW + 10 * SECOND) == first is not None
     check.reset()
-    assert check.judge(NOW + 10 * SECOND) is None
+    assert check.compare(NOW + 10 * SECOND) is None

@@ -47,14 +47,10 @@ def test_a_position_set_point_carries_all_but_the_rate_of_yaw():
     assert (m.target_system, m.target_component) == (1, 1)
 
 
-def test_attitude_and_rates_have_the_masks_px4_takes():
-    m = sent(messages.rotation_target(NOSE_NORTH, 0.6, TO, STAMP))
+def test_an_attitude_has_the_mask_that_px4_takes():
+    m = sent(messages.attitude_target(NOSE_NORTH, 0.6, TO, STAMP))
     assert (m.type_mask, m.thrust) == (0b00000111, pytest.approx(0.6))
     assert m.q == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-6)
-    m = sent(messages.rotation_target(np.array([0.1, 0.2, 0.3]), 0.6, TO, STAMP))
-    assert m.type_mask == 0b10000000
-    rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
-    assert rates == pytest.approx((0.1, -0.2, -0.3))
 
 
 def test_thrust_is_measured_in_weights():

@@ -15,7 +15,7 @@ GRAVITY = 9.80665
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def turned(degrees):
+def yaw_matrix(degrees):
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -89,19 +89,19 @@ class Flight:
         if k % (1000 // self.rate_hz) == 0:
             shown = self.shown + self.rng.normal(0.0, self.noise, 3)
             self.watch.pose(k * MS, shown, LEVEL)
-            self.watch.judge()
+            self.watch.compare()
 
 
 @pytest.mark.parametrize("rate_hz", [30, 50, 100])
 @pytest.mark.parametrize("degrees", [0.0, 8.0, -8.0])
 def test_right_axes_are_confirmed(degrees, rate_hz):
-    watch = Flight(turned(degrees), rate_hz=rate_hz).run(8.0).watch
+    watch = Flight(yaw_matrix(degrees), rate_hz=rate_hz).run(8.0).watch
     assert watch.mistake is None and watch.confirmed
 
 
 @pytest.mark.parametrize("degrees", [60, 90, -90, 135, 180])
 def test_a_turned_body_is_named_within_the_first_metre(degrees):
-    flight = Flight(turned(degrees)).run()
+    flight = Flight(yaw_matrix(degrees)).run()
     assert "is not the nose" in flight.watch.mistake.text
     named_degrees = int(re.search(r"move ([+-]\d+) deg", flight.watch.mistake.text)[1])
     assert abs((named_degrees - degrees + 180) % 360 - 180) < 25
@@ -157,7 +157,7 @@ def test_a_body_that_stays_behind_leaves_the_velocity_of_the_vehicle():
     assert np.linalg.norm(flight.watch.velocity - flight.speed) < 0.12
 
 
-@pytest.mark.parametrize("axes", [turned(110), turned(180), np.diag([1.0, -1.0, 1.0])])
+@pytest.mark.parametrize("axes", [yaw_matrix(110), yaw_matrix(180), np.diag([1.0, -1.0, 1.0])])
 def test_wrong_axes_leave_the_velocity_to_brake_by(axes):
     flight = Flight(axes, lean=0.002, tilt_error_m_s2=0.08, drift_m=0.15).run(20.0)
     assert flight.watch.mistake

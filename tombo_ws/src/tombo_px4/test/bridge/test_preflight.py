@@ -139,11 +139,11 @@ def both(mangle):
     return {"as_mocap": mangle, "as_px4": mangle}
 
 
-def turned(axis, angle):
+def rotated(axis, angle):
     return lambda place, q: (place, quaternion_multiply(q, spin(axis, angle)))
 
 
-def told(**fields):
+def estimator(**fields):
     """What PX4 says of its estimator."""
     values = {"has_position": True, "is_aided": True, "position_ratio": 0.2, "height_ratio": 0.1}
     return {"estimator": EstimatorStatusFlags(NOW, **(values | fields))}
@@ -162,17 +162,17 @@ def parameters(**values):
         ({"telemetry": False}, "no_position", "sends no position"),
         ({"telemetry": False}, "no_imu", "HIGHRES_IMU"),
         (
-            told(has_position=False, is_aided=False),
+            estimator(has_position=False, is_aided=False),
             "not_fused",
             "knows no position though poses are sent",
         ),
-        (told(position_ratio=3.2), "poses_refused", "test ratio 3.2"),
-        (told(position_ratio=math.nan, height_ratio=4.1), "poses_refused", "test ratio 4.1"),
+        (estimator(position_ratio=3.2), "poses_refused", "test ratio 3.2"),
+        (estimator(position_ratio=math.nan, height_ratio=4.1), "poses_refused", "test ratio 4.1"),
         (parameters(EKF2_EV_CTRL=0), "not_fused", "position is not fused: EKF2_EV_CTRL is 0"),
         (parameters(EKF2_EV_CTRL=8), "not_fused", "position is not fused: EKF2_EV_CTRL is 8"),
         (both(lambda p, q: (p, np.roll(q, 1))), "mocap_up", "quaternion is w first"),
-        (both(turned("x", math.pi)), "mocap_up", "tilted by 180 deg"),
-        ({"as_mocap": turned("y", 0.35)}, "mocap_up", "tilted by 20 deg"),
+        (both(rotated("x", math.pi)), "mocap_up", "tilted by 180 deg"),
+        ({"as_mocap": rotated("y", 0.35)}, "mocap_up", "tilted by 20 deg"),
         (follows(1.25, 2.0, 0.18), "position_differs", "0.25 m away"),
     ],
 )
@@ -200,7 +200,7 @@ def test_a_fault_that_may_be_flown_with_is_a_warning(lab, change, key, words):
 
 
 def test_after_a_loss_no_poses_are_made_up(lab):
-    vars(lab).update(told(is_aided=False) | {"rate": 0})
+    vars(lab).update(estimator(is_aided=False) | {"rate": 0})
     assert "pose_stale" in lab.finding_keys() and "not_fused" not in lab.finding_keys()
 
 
@@ -209,7 +209,7 @@ def test_after_a_loss_no_poses_are_made_up(lab):
     [
         {"noise": 0.0, "shake": 0.0},  # a world without any noise is not frozen
         {"flying": True, "as_px4": lambda p, q: (p + np.array([0.3, 0.0, 0.0]), q)},
-        told(position_ratio=math.nan, height_ratio=math.nan),
+        estimator(position_ratio=math.nan, height_ratio=math.nan),
         {"estimator": None},
         {"values": {}},
     ],

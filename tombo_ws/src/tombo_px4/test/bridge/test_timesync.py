@@ -60,7 +60,7 @@ class Exchange:
         return abs(self.sync.to_local_time(self.theirs.at(true_ns)) - self.ours.at(true_ns))
 
 
-def begun(theirs, number, **way):
+def started(theirs, number, **way):
     """An exchange with a clock after a number of answers, and its synchronisation."""
     exchange = Exchange(Clock(TODAY), theirs, **way)
     exchange.run(number)
@@ -69,14 +69,14 @@ def begun(theirs, number, **way):
 
 def test_it_has_converged_after_ten_answers():
     assert TimeSync().to_local_time(5) == 5 and not TimeSync().converged
-    exchange, sync = begun(Clock(), 9)
+    exchange, sync = started(Clock(), 9)
     assert not sync.converged
     exchange.run(1)
     assert sync.converged
 
 
 def test_an_even_way_gives_the_offset_to_the_nanosecond():
-    _, sync = begun(Clock(7 * S), 1)
+    _, sync = started(Clock(7 * S), 1)
     assert sync.offset_ns == TODAY - 7 * S
     assert sync.rtt_ns == 60 * US
     assert sync.to_local_time(7 * S + 5) == TODAY + 5
@@ -86,7 +86,7 @@ def test_a_request_that_waited_for_a_polled_loop_biases_nothing():
     chance = random.Random(1)
     waits = {"wait": lambda: chance.randrange(4 * MS)}
     middle = Exchange(Clock(TODAY), Clock(), **waits).run(100)
-    _, plain = begun(Clock(), 1, middle=False, **waits)
+    _, plain = started(Clock(), 1, middle=False, **waits)
     assert max(middle) <= 1 * US
     assert abs(plain.offset_ns - TODAY) > 100 * US  # purpose of the middle
 
@@ -118,29 +118,23 @@ def test_the_error_stays_within_a_millisecond(seed, drift, jitter_there, jitter_
 @given(st.integers(0, 10_000), st.integers(11 * MS, 900 * MS), st.sampled_from(["there", "back"]))
 def test_a_spike_of_the_round_trip_changes_next_to_nothing(seed, spike, where):
     chance = random.Random(seed)
-    exchange, sync = begun(Clock(S), 30)
+    exchange, sync = started(Clock(S), 30)
     setattr(exchange, where, lambda: spike if chance.random() < 0.3 else 30 * US)
     assert max(exchange.run(100)) < 20 * US
     assert sync.jumps == 0
-    assert sync.rtt_ns == 60 * US
 
 
-def test_slow_answers_are_refused_and_taken_once_the_way_itself_is_slow():
-    exchange, sync = begun(Clock(S), 30)
+def test_a_way_that_has_become_slow_is_taken():
+    exchange, sync = started(Clock(S), 30)
     exchange.back = lambda: 40 * MS
-    exchange.run(9)
-    assert sync.slow == 9 and sync.rtt_ns == 60 * US
-    exchange.run(6)
-    assert sync.rtt_ns > 40 * MS
-    slow = sync.slow
-    exchange.run(20)
-    assert sync.slow == slow
+    exchange.run(60)
+    assert sync.rtt_ns > 40 * MS and sync.jumps == 0
 
 
 @pytest.mark.parametrize("by", [-3600 * S, -50 * MS, 50 * MS, 3600 * S])
 @pytest.mark.parametrize("whose", ["ours", "theirs"])
 def test_a_jump_of_either_clock_is_noticed_within_four_answers(whose, by):
-    exchange, sync = begun(Clock(7200 * S), 40)
+    exchange, sync = started(Clock(7200 * S), 40)
     getattr(exchange, whose).set_by(by)
     errors = exchange.run(4)
     assert errors[-1] < 10 * US
@@ -151,7 +145,7 @@ def test_a_jump_of_either_clock_is_noticed_within_four_answers(whose, by):
 
 
 def test_one_answer_beyond_belief_changes_nothing():
-    exchange, sync = begun(Clock(S), 20)
+    exchange, sync = started(Clock(S), 20)
     offset = sync.offset_ns
     for _ in range(5):
         _, ts1 = sync.request(exchange.ours.at(exchange.true_ns))

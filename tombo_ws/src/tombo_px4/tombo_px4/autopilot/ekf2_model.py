@@ -252,7 +252,7 @@ class Ekf2Model:
         state.position = sample.position + (tick - sample.captured) * TICK_S * velocity
         state.velocity = velocity
         if math.isfinite(sample.yaw):
-            state.attitude = _turned(state.attitude, sample.yaw)
+            state.attitude = _with_yaw(state.attitude, sample.yaw)
         autopilot.history["tick"] = -1
         store_history(self._autopilots, tick)
         self.source = sample.source
@@ -271,7 +271,7 @@ class Ekf2Model:
         half = np.append(0.5 * self._tilt_error(past.attitude, airborne), 1.0)
         attitude = quaternion_multiply(past.attitude, half / np.linalg.norm(half))
         if math.isfinite(sample.yaw):
-            attitude = _turned(attitude, sample.yaw)
+            attitude = _with_yaw(attitude, sample.yaw)
         bias = autopilot.state.gyro_bias
         before = bias[:2].copy()
         captured = sample.captured
@@ -292,7 +292,7 @@ class Ekf2Model:
         return np.asarray(_GROUND_TILT * np.cross(self._level / GRAVITY, up), float)
 
 
-def _turned(attitude: Array, yaw: float) -> Array:
+def _with_yaw(attitude: Array, yaw: float) -> Array:
     """Return an attitude xyzw turned about map z to a yaw."""
     half = 0.5 * (yaw - yaw_of(attitude))
     return quaternion_multiply(np.array([0.0, 0.0, math.sin(half), math.cos(half)]), attitude)

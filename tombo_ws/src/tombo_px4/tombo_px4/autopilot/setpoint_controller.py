@@ -28,8 +28,6 @@ _LARGEST = 1e5
 """[m, m/s, m/s^2]: a larger value is refused as an error of the sender."""
 _TILT_MAX, _YAW_RATE_MAX, _POSITION_P = math.radians(45.0), math.radians(60.0), 0.95
 """[rad], [rad/s], [1/s]: defaults of MPC_TILTMAX_AIR, MPC_YAWRAUTO_MAX and MPC_XY_P."""
-_FASTEST = 100.0
-"""[rad/s], the same."""
 
 
 class ControlLevel(IntEnum):
@@ -39,15 +37,14 @@ class ControlLevel(IntEnum):
     VELOCITY = 1
     ACCELERATION = 2
     ATTITUDE = 3
-    RATES = 4
 
 
 @dataclass(frozen=True)
 class OffboardSetpoint:
     """A set point: None or NaN means not commanded.
 
-    Either motion (position, velocity, acceleration, yaw) or attitude (attitude or rates, thrust);
-    with both, attitude is left out.
+    Either motion (position, velocity, acceleration, yaw) or attitude and thrust; with both, the
+    attitude is left out.
     """
 
     position: Array = field(default_factory=lambda: _NONE)
@@ -60,8 +57,6 @@ class OffboardSetpoint:
     """Counter-clockwise from east [rad]."""
     attitude: Array | None = None
     """(4) xyzw, map from base_link."""
-    rates: Array = field(default_factory=lambda: _NONE)
-    """(3) base_link [rad/s]."""
     thrust: float = math.nan
     """Share of the highest collective thrust, 0 to 1."""
 
@@ -71,16 +66,15 @@ class OffboardSetpoint:
         for kind, axes in enumerate((self.position, self.velocity, self.acceleration)):
             if np.isfinite(axes).any():
                 return ControlLevel(kind)
-        return ControlLevel.RATES if self.attitude is None else ControlLevel.ATTITUDE
+        return ControlLevel.ATTITUDE
 
 
 def refusal_of(target: OffboardSetpoint) -> str:
     """Return why PX4 refuses a set point; "" if it takes it."""
     motion = np.array([target.position, target.velocity, target.acceleration])
     commanded = np.isfinite(motion)
-    fastest = float(np.abs(target.rates[np.isfinite(target.rates)]).max(initial=0.0))
     too_large = np.abs(motion[commanded]).max(initial=0.0) > _LARGEST
-    if too_large or abs(finite_or_nan(target.yaw)) > _LARGEST or fastest > _FASTEST:
+    if too_large or abs(finite_or_nan(target.yaw)) > _LARGEST:
         return "set point is out of range"
     if commanded.any():
         if not commanded.any(axis=0).all():
@@ -88,11 +82,10 @@ def refusal_of(target: OffboardSetpoint) -> str:
         unlike = (commanded[:, 0] != commanded[:, 1]).any()
         return "invalid set point: x and y differ in what is commanded" if unlike else ""
     if target.attitude is None:
-        if not np.isfinite(target.rates).any():
-            return "set point commands nothing"
-    elif not np.isfinite(target.attitude).all():
+        return "set point commands nothing"
+    if not np.isfinite(target.attitude).all():
         return "invalid set point: attitude is not finite"
-    elif not 0.5 < float(np.linalg.norm(target.attitude)) < 2.0:
+    if not 0.5 < float(np.linalg.norm(target.attitude)) < 2.0:
         return "invalid set point: attitude is no unit quaternion"
     return "" if math.isfinite(target.thrust) else "invalid set point: no thrust"
 
@@ -158,14 +151,11 @@ class SetpointController:
             self._apply_position_demand(resolved, climb_max)
             self.loops = (True, True, True)
             return
-        by_attitude = resolved.kind == ControlLevel.ATTITUDE
-        if by_attitude and resolved.attitude is not None:
-            setpoint.attitude = resolved.attitude / np.linalg.norm(resolved.attitude)
-        else:
-            setpoint.rates = np.where(np.isfinite(resolved.rates), resolved.rates, 0.0)
+        assert resolved.attitude is not None
+        setpoint.attitude = resolved.attitude / np.linalg.norm(resolved.attitude)
         setpoint.thrust = min(max(resolved.thrust, 0.0), 1.0) * self.thrust_max
         self._hold_position_loop()
-        self.loops = (False, by_attitude, True)
+        self.loops = (False, True, True)
 
     def blind(self) -> None:
         """Level and descend, at the next runs of the loops."""

@@ -65,7 +65,7 @@ _RAMP_BELOW = GRAVITY / 4.0
 vehicle is held down for the first part of it."""
 _DETECTED_SHARE = 0.45
 """Share of that part after which PX4 1.17 said "Takeoff detected": 1.9 s after arming."""
-_STANDS_BELOW, _STANDS_AT_ONCE_BELOW, _HELD = 0.8, 0.3, 0.97
+_STANDS_BELOW, _STANDS_AT_ONCE_BELOW, _CARRIED = 0.8, 0.3, 0.97
 """Share of the hover thrust at which a vehicle that sinks, or does not, is held by the ground;
 specific force over gravity of one that descends level."""
 _CLIMB_MAX, _SLIDE_MAX, _TURN_MAX = 0.25, 1.5, math.radians(20.0)
@@ -86,7 +86,7 @@ class Px4Vehicle:
         """Set the vehicle on the ground, at tick 0.
 
         Args:
-            world: what is simulated.
+            world: vehicle, propeller, effects and obstacle.
             seed: all randomness derives from it.
             parameters: of the autopilot; shared, changes act at once.
 
@@ -328,7 +328,7 @@ class Px4Vehicle:
             self.hand(simulator)
 
     def _rotor_speeds(self, tick: int) -> Array:
-        """Return what the outputs command (4) [rad/s]."""
+        """Return the commanded speeds (4) [rad/s]."""
         rotor, end_tick = self._tested
         tested = not self.armed and tick < end_tick
         if not (self.killed or tested):
@@ -478,7 +478,7 @@ class Px4Vehicle:
         if self._commander.mode == DESCEND:
             # level and descending, it is held up by less than its weight until the ground does
             # it; without a height PX4 sees no vertical motion, nor that there is none
-            return quiet and self.ekf2_model.altitude_ok(tick) and self._force > _HELD
+            return quiet and self.ekf2_model.altitude_ok(tick) and self._force > _CARRIED
         quiet = quiet and abs(vz) < _CLIMB_MAX and math.hypot(vx, vy) < _SLIDE_MAX
         by_motion = self._followed is not None and self._followed.kind < ControlLevel.ATTITUDE
         descending = by_motion and float(setpoint.velocity[2]) < _DESCENT_SPEED

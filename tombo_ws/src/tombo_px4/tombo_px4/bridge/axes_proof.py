@@ -37,7 +37,7 @@ class AxesEvidence:
         date: UTC, ISO 8601.
         body: name of the tracked body, as the bridge's parameter says.
         vehicle: hardware id of its autopilot.
-        mistake: what is wrong with the axes; empty: they are right.
+        mistake: fault of the axes; empty: they are right.
         tilt_rad: of the body's z against gravity at rest, about the vehicle's y and x.
     """
 
@@ -130,7 +130,7 @@ _POSE_NS = 15_000_000
 """Poses that come more often are left out."""
 _TURNING = 0.3
 """[rad/s]: slower counts as rest."""
-_ENOUGH = 1.0
+_LEAST_TURNED_RAD = 1.0
 """[rad] turned in all."""
 _AGREES = 0.25
 """Share of the rotation that may stay unexplained."""
@@ -156,7 +156,7 @@ class HandVerdict:
 
     Attributes:
         delay_s: delay of the poses before their stamps.
-        mistake: what is wrong with the axes, in words; "" if nothing is.
+        mistake: fault of the axes, in words; "" without a fault.
         sure: False: they turn otherwise, and no known mistake explains how.
         turned: about each axis of the autopilot, to and fro [rad].
         carried: along each axis of map, to and fro [m].
@@ -179,7 +179,7 @@ class HandVerdict:
 
 
 class MotionCheck:
-    """Collects what gyro, accelerometer and poses say; `judge` compares it.
+    """Collects what gyro, accelerometer and poses say; `compare` compares it.
 
     Attributes:
         verdict: the last one; None as long as the vehicle was not turned.
@@ -215,7 +215,7 @@ class MotionCheck:
         self.forget()
         self.verdict = None
 
-    def judge(self, now_ns: int) -> HandVerdict | None:
+    def compare(self, now_ns: int) -> HandVerdict | None:
         """Compare the last seconds; return the newest verdict."""
         if self._moved:
             self._moved = False
@@ -240,7 +240,7 @@ def _judge_motion(
     steps, speed = np.diff(times), np.linalg.norm(rates[1:], axis=1)
     fast = speed > _TURNING
     turned = (np.abs(rates[1:]) * steps[:, None])[fast].sum(axis=0)
-    if float(speed[fast] @ steps[fast]) < _ENOUGH:
+    if float(speed[fast] @ steps[fast]) < _LEAST_TURNED_RAD:
         return None
     ways, least = _carried(positions)
     about, carried = tuple(turned.tolist()), tuple(ways.tolist())

@@ -41,7 +41,6 @@ from tombo_px4.bridge.vehicle_parameters import HOVER, READ, FindingSeverity, Pa
 from tombo_px4.link import messages
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.messages import (
-    BatteryReading,
     CommandAck,
     Heartbeat,
     MessageDecoder,
@@ -101,11 +100,7 @@ class Bridge:
             writes: parameters of the vehicle that are to be set.
             proofs: of the axes of the tracked body, the oldest first; those of this vehicle count.
             limits: of place, speed and tilt; None: none.
-
-        Raises:
-            InputError: a parameter is a word that means nothing.
         """
-        params.check()
         self.params = params
         self.sync = TimeSync()
         self.answered = 0
@@ -126,7 +121,7 @@ class Bridge:
         self._ready_ns: int | None = None
         self._target = MessageTarget(link.system, link.component)
         self.message_rates = MessageRates(params, self._target)
-        self.stream = SetpointStream(params, self._target, mass, self.limits)
+        self.stream = SetpointStream(params, self._target, self.limits)
         self.parameters = ParameterReader(READ, self._target, writes)
         self._out = BridgeOutput()
         self._asked: list[tuple[int, int]] = []
@@ -136,7 +131,6 @@ class Bridge:
         self._imu: VehicleImu | None = None
         self._landed = MavLandedState.UNDEFINED
         self._version = ""
-        self._battery_ns = 0
         self._last_text = ""
         self._boot_ns = 0
         self._linked_ns: int | None = None
@@ -169,8 +163,7 @@ class Bridge:
             "EXTENDED_SYS_STATE": partial(setattr, self, "_landed"),
             "ESTIMATOR_STATUS": partial(setattr, self.preflight, "estimator"),
             "PARAM_VALUE": self.parameters.take,
-            "BATTERY_STATUS": self._take_battery,
-            "SYS_STATUS": self._take_battery_summary,
+            "BATTERY_STATUS": lambda message: self._out.battery.append(message),
             "ATTITUDE_TARGET": self._take_throttle,
             "AUTOPILOT_VERSION": self._take_version,
         }
@@ -204,15 +197,6 @@ class Bridge:
             self._asked.append((ts1, arrival_ns))
         else:
             self.sync.reply(tc1, ts1, arrival_ns)
-
-    def _take_battery(self, message: BatteryReading) -> None:
-        self._battery_ns = message.arrival_ns
-        self._out.battery.append(message)
-
-    def _take_battery_summary(self, message: BatteryReading) -> None:
-        """Take the battery as SYS_STATUS has it, without its cells, where nothing better comes."""
-        if message.arrival_ns - self._battery_ns > 2 * SECOND_NS:
-            self._out.battery.append(message)
 
     def _take_ack(self, ack: CommandAck) -> None:
         """Take an answer; ask for all failed checks where arming is refused.
@@ -365,10 +349,10 @@ class Bridge:
             wanted = self.descent.step(now_ns, odometry.attitude, velocity, self.hover_thrust)
             if wanted is None:
                 return []
-            return [messages.rotation_target(*wanted, self._target, now_ns)]
+            return [messages.attitude_target(*wanted, self._target, now_ns)]
         self.descent.end()
         self.stream.ceiling = self.watch.ceiling(now_ns, self.preflight.latest_position)
-        message = self.stream.message(stream, self._present(now_ns), self.hover_thrust, now_ns)
+        message = self.stream.message(stream, self._present(now_ns), now_ns)
         return [] if message is None else [message]
 
     @property
@@ -390,7 +374,7 @@ class Bridge:
         follows = self.session.stage == SessionStage.FLYING
         takes_off = follows and self.stream.phase == Phase.TAKEOFF
         latest = self.preflight.latest_position
-        beside_m = 0.0 if latest is None else self.stream.beside(latest)
+        beside_m = 0.0 if latest is None else self.stream.horizontal_distance(latest)
         mistake = self.watch.follow(now_ns, self._armed, takes_off, beside_m)
         if mistake is not None:
             key = "axes_wrong" if mistake.voids_proof else "poses_wrong"
@@ -415,7 +399,7 @@ class Bridge:
         text = f"the system's clock was set back by {back:.1f} s: all stamps begin again"
         out.events.append(("clock_set_back", text))
         self._done_ns.clear()
-        self.pose_stamp_ns = self._battery_ns = 0
+        self.pose_stamp_ns = 0
         self.stream.clock_set_back(now_ns)
         self._ready_ns = self.watch.jump_ns = None
         self.watch.rest()
@@ -532,7 +516,7 @@ class Bridge:
             if finding.weight != FindingSeverity.ADVICE:
                 out.faults[f"check.{finding.key}"] = finding.text
         if self.session.stage == SessionStage.FLYING:
-            out.faults.update(self.stream.faults(self.hover_thrust, now_ns))
+            out.faults.update(self.stream.faults(now_ns))
         if settled:
             out.faults.update(self.message_rates.faults(now_ns))
         if self.parameters.complete and not self.parameters.values:

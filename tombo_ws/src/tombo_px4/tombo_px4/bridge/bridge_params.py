@@ -4,16 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tombo_dynamics.errors import unknown_name
 from tombo_dynamics.params import param, plain
-
-POSITION, ATTITUDE, RATES = "position", "attitude", "rates"
-SETPOINT_KINDS = {
-    POSITION: "/setpoint as SET_POSITION_TARGET_LOCAL_NED: PX4's own cascade flies it",
-    ATTITUDE: "/attitude_setpoint as SET_ATTITUDE_TARGET",
-    RATES: "/rates_setpoint as SET_ATTITUDE_TARGET",
-}
-"""What PX4 is told to follow in OFFBOARD."""
 
 SIMULATED = "simulated"
 """The poses are those of a simulated vehicle that the same command has started."""
@@ -43,7 +34,6 @@ class LinkParams:
 class BridgeParams:
     """Messages of the bridge, its time-outs, and conditions of a pose before it arms."""
 
-    setpoint: str = plain(POSITION, "what PX4 follows: position, attitude or rates")
     axes_evidence: str = plain(
         "",
         "file with the proofs of the mocap body's axes, by hand; empty: "
@@ -79,12 +69,3 @@ class BridgeParams:
         "a pose older than this when it arrives is too late for EKF2",
         "PX4: EKF2_DELAY_MAX",
     )
-
-    def check(self) -> None:
-        """Refuse an unknown kind of set point.
-
-        Raises:
-            InputError: names the parameter and the accepted values.
-        """
-        if self.setpoint not in SETPOINT_KINDS:
-            raise unknown_name("value of px4.setpoint", self.setpoint, SETPOINT_KINDS)

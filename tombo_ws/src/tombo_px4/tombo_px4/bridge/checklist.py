@@ -2,7 +2,7 @@
 
 PX4 reports nothing about wrong axes, wrong stamps and poses that it does not fuse. So each
 evidence looks at the samples of the last second and at PX4's parameters. It returns the message:
-what is wrong, why, and the remedy; "" if nothing is.
+fault, cause and remedy; "" without a fault.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from tombo_px4.link.timesync import TimeSync
 _ADVICE, _WARNING, _BLOCKS = FindingSeverity
 _WINDOW_NS = SECOND_NS
 _KEPT = 600
-_ENOUGH = 8
+_LEAST_SAMPLES = 8
 _SILENT_NS = 200_000_000
 _SLOWEST_HZ = 20.0
 _STANDS_GYRO, _STANDS_ACCEL = 0.3, 0.5
@@ -73,7 +73,7 @@ _REQUESTS_NS = 3 * SECOND_NS
 
 
 class PreflightFinding(NamedTuple):
-    """What is wrong, why, and the remedy."""
+    """A fault, its cause and the remedy."""
 
     key: str
     text: str
@@ -203,7 +203,7 @@ class Preflight:
         self.now_ns, self.sync, self.values, self.flying = now_ns, sync, values, flying
         self.linked_ns, self.answered, self.unwritten = linked_ns, answered, unwritten or {}
         self._judge_motion()
-        self._look()
+        self._read_samples()
         if not flying:
             self._keep_proof()
         wrong: dict[str, PreflightFinding] = {}
@@ -214,7 +214,7 @@ class Preflight:
 
     # --- What the evidence looks at ---------------------------------------------------------
 
-    def _look(self) -> None:
+    def _read_samples(self) -> None:
         """Look at the last second."""
         now_ns = self.now_ns
         self.poses, self.samples = _lately(self._poses, now_ns), _lately(self._imu, now_ns)
@@ -225,7 +225,7 @@ class Preflight:
         ages = self._refused.items()
         self.refused = {why: age_s for why, (at, age_s) in ages if now_ns - at <= _WINDOW_NS}
         """Why poses were not sent, and their age [s]."""
-        enough = self.fresh and len(self.poses) >= _ENOUGH
+        enough = self.fresh and len(self.poses) >= _LEAST_SAMPLES
         places = [p.position for p in self.poses] if enough else []
         self.places = np.array(places).reshape(-1, 3)
         """Positions (N, 3) of the poses [m]; none where they are too few, or old."""
@@ -237,7 +237,7 @@ class Preflight:
         """Rates and specific forces (N, 3) of PX4's sensors; None: too few."""
         self.at_rest = False
         """PX4's sensors show a vehicle that stands."""
-        if len(self.samples) >= _ENOUGH:
+        if len(self.samples) >= _LEAST_SAMPLES:
             gyro, accel = (np.array([getattr(s, k) for s in self.samples]) for k in _SENSORS)
             self.felt = gyro, accel
             stands = np.ptp(gyro, axis=0).max() < _STANDS_GYRO
@@ -247,7 +247,7 @@ class Preflight:
 
     def _tilt_at_rest(self) -> tuple[float, float] | None:
         """Return how the tracked body's z is tilted in the vehicle [rad]; None: it is moved."""
-        if len(self.poses) < _ENOUGH or self.felt is None or not self.at_rest:
+        if len(self.poses) < _LEAST_SAMPLES or self.felt is None or not self.at_rest:
             return None
         tilts = up_in_body(np.array([p.attitude for p in self.poses]))
         x, y, _ = (tilts.mean(axis=0) - _direction(self.felt[1].mean(axis=0))).tolist()
@@ -259,7 +259,7 @@ class Preflight:
         All of the same time, medians over the last second; None without enough of both.
         """
         lately = [o for o in _lately(self.odometry, self.now_ns) if o.stamp_ns is not None]
-        if min(len(self.poses), len(lately)) < _ENOUGH:
+        if min(len(self.poses), len(lately)) < _LEAST_SAMPLES:
             return None
         stamps = np.array([p.stamp_ns for p in self.poses])
         seen = np.array([o.stamp_ns for o in lately])
@@ -267,7 +267,7 @@ class Preflight:
         nearest = right - (seen - stamps[right - 1] < stamps[right] - seen)
         away = stamps[nearest] - seen
         near = np.abs(away) <= _PAIR_NS
-        if near.sum() < _ENOUGH:
+        if near.sum() < _LEAST_SAMPLES:
             return None
         nearest, away = nearest[near], away[near]
         theirs = np.array([o.position for o in lately])[near]
@@ -286,7 +286,7 @@ class Preflight:
             self.motion.forget()
         elif self.now_ns - self._judged_ns >= _WINDOW_NS:
             self._judged_ns = self.now_ns
-            self.motion.judge(self.now_ns)
+            self.motion.compare(self.now_ns)
         verdict = self.motion.verdict
         if verdict is not None and verdict.mistake and verdict.sure and self.evidence is not None:
             self.refute(verdict.mistake, self.now_ns)

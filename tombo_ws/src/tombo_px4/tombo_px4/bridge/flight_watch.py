@@ -134,13 +134,13 @@ class Mistake(NamedTuple):
 
     Attributes:
         text: to tell.
-        turned: the poses are turned or mirrored, but are this vehicle's: it brakes by them. Else
+        rotated: the poses are turned or mirrored, but are this vehicle's: it brakes by them. Else
             the velocity is as if they had not been followed lately.
         voids_proof: it is one of axes, scale or body.
     """
 
     text: str
-    turned: bool = False
+    rotated: bool = False
     voids_proof: bool = False
 
 
@@ -187,7 +187,7 @@ class PoseMotionWatch:
 
     Attributes:
         confirmed: the motion has shown that the axes are right.
-        mistake: what is wrong with the poses; None: no fault is known.
+        mistake: fault of the poses; None: no fault is known.
         velocity: (3) by the accelerometer since the arming, in PX4's map [m/s].
     """
 
@@ -269,7 +269,7 @@ class PoseMotionWatch:
     def _shown_velocity(self) -> Array | None:
         """Return the velocity (3) of the poses in PX4's map; None: their axes are not known."""
         seen = self._seen_velocity()
-        if seen is None or (self.mistake and not self.mistake.turned):
+        if seen is None or (self.mistake and not self.mistake.rotated):
             return None
         span, shown = self._spans[1], self.velocity.copy()
         direction = (1.0, False) if self.confirmed else span.turn
@@ -328,11 +328,11 @@ class PoseMotionWatch:
                 Mistake(
                     f"the vehicle is {away_m:.2f} m beside its set point while it takes off: PX4"
                     " does not hold it; axes of the poses, or a wind that is too strong",
-                    turned=True,
+                    rotated=True,
                 )
             )
 
-    def judge(self) -> Mistake | None:
+    def compare(self) -> Mistake | None:
         """Compare the newest span; return the mistake, None if no mistake is known.
 
         After a mistake the motion goes on to show the direction to brake by.
@@ -356,7 +356,7 @@ class PoseMotionWatch:
     def accuse(self, mistake: Mistake) -> None:
         """Take a mistake: brake by the poses, or by the accelerometer alone."""
         self.mistake = mistake
-        if mistake.turned:
+        if mistake.rotated:
             self._follow_poses()
         elif self._velocities:
             _, velocity, measured = self._velocities[0]
@@ -465,14 +465,14 @@ class PoseMotionWatch:
                 "poses move mirrored to where PX4's tilt drives the vehicle: positions are"
                 " left-handed, or x and y are exchanged"
             )
-            return Mistake(text, turned=True, voids_proof=True)
+            return Mistake(text, rotated=True, voids_proof=True)
         if along > _COHERENT and abs(turn) > _WRONG:
             text = (
                 f"poses move {math.degrees(turn):+.0f} deg beside where PX4's tilt drives the"
                 " vehicle: x of the rigid body is not the nose, or the axes of the positions are"
                 " not those of the attitude"
             )
-            return Mistake(text, turned=True, voids_proof=True)
+            return Mistake(text, rotated=True, voids_proof=True)
         if level.time_s > _CONFIRMS_S and along > _COHERENT and abs(turn) < _RIGHT:
             self.confirmed = True
             self._follow_poses()
@@ -584,7 +584,7 @@ class FlightWatch:
         known = motion.mistake
         if takes_off and beside_m - self._beside_m > _TAKEOFF_DRIFT_M:
             motion.drifts(now_ns, beside_m)
-        mistake = motion.judge()
+        mistake = motion.compare()
         self.distrusts = self.distrusts or bool(mistake)
         return None if known else mistake
 

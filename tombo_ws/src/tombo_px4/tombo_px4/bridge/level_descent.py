@@ -57,7 +57,7 @@ class LevelDescent:
         self.end()
 
     @property
-    def begun(self) -> bool:
+    def active(self) -> bool:
         """It is under way."""
         return self._stepped_ns is not None
 
@@ -68,7 +68,7 @@ class LevelDescent:
 
     def learn_hover(self, throttle: float, force: float, step_s: float) -> None:
         """Take the throttle that PX4 commands in flight, and the specific force along body z."""
-        if self.begun or throttle < _HOVER_LOW or force < _LEAST_FORCE:
+        if self.active or throttle < _HOVER_LOW or force < _LEAST_FORCE:
             return
         hover = min(max(throttle * GRAVITY / force, _HOVER_LOW), _HOVER_HIGH)
         share = min(step_s / _LEARNS_S, 1.0) if self.hover else 1.0
@@ -76,7 +76,7 @@ class LevelDescent:
 
     def feel(self, rates: Array, accel: Array, step_s: float) -> None:
         """Take rates (3) [rad/s] and specific force (3) [m/s^2], base_link: on the ground yet?"""
-        if not self.begun:
+        if not self.active:
             return
         size = float(np.linalg.norm(accel))
         rests = abs(size - GRAVITY) < _REST_FORCE and float(np.linalg.norm(rates)) < _REST_RATE

@@ -101,12 +101,12 @@ class SetpointSource(Enum):
     PRESENT = "present"
     """The position that PX4 reports."""
     HOLD = "hold"
-    """Where it was when this began."""
+    """The position at the begin of the hold."""
     SETPOINT = "setpoint"
     LEVEL_DESCENT = "level descent"
     """Attitude and thrust, by gyro and accelerometer: where the poses are wrong."""
     NONE = "none"
-    """Nothing is sent: PX4 must not return to OFFBOARD."""
+    """No set point: PX4 must not return to OFFBOARD."""
 
 
 class OperatorRequest(NamedTuple):

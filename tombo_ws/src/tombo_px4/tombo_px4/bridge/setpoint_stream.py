@@ -16,7 +16,7 @@ from tombo_dynamics.messages import Phase, PositionSetpoint, is_finite
 from tombo_dynamics.records import parameter_record
 from tombo_dynamics.rotation import tilt
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_px4.bridge.bridge_params import POSITION, BridgeParams
+from tombo_px4.bridge.bridge_params import BridgeParams
 from tombo_px4.bridge.session import SetpointSource
 from tombo_px4.link import messages
 from tombo_px4.link.messages import MessageTarget, VehicleOdometry
@@ -60,7 +60,6 @@ class FlightLimits:
         return ""
 
 
-_UNIT = 0.2
 _ATTITUDE_LAG_S = 0.2
 """PX4's attitude is so late: 1 / MC_PITCH_P is 0.15 s, rate loop and link take 0.05 s. It was
 measured best of 0 to 0.3 s."""
@@ -71,18 +70,14 @@ _TIMEOUT_NS = SECOND_NS // 2
 class SetpointStream:
     """Keeps the newest set point of the suite and sends it at the rate of the stream."""
 
-    def __init__(
-        self, params: BridgeParams, target: MessageTarget, mass: float, limits: FlightLimits
-    ) -> None:
+    def __init__(self, params: BridgeParams, target: MessageTarget, limits: FlightLimits) -> None:
         self._params = params
         self._target = target
-        self._mass = mass
         self._limits = limits
         self._moved_inside = False
         self._setpoint: PositionSetpoint | None = None
         self._setpoint_ns = -(10**18)
-        self._attitude_or_rates: tuple[Array, float, int] | None = None
-        self._new = self._attitude_or_rates_new = False
+        self._new = False
         self.ceiling = math.inf
         """Highest set point now [m], in map."""
         self._stream = SetpointSource.PRESENT
@@ -98,21 +93,7 @@ class SetpointStream:
         self._setpoint, self._setpoint_ns, self._new = setpoint, now_ns, True
         return True
 
-    def rotation(self, wanted: Array, thrust: float, now_ns: int) -> bool:
-        """Take attitude (4) xyzw, or rates (3) [rad/s], and thrust [N]; False: refused.
-
-        Which of the two it is says the parameter `setpoint`.
-        """
-        if not math.isfinite(float(wanted.sum()) + thrust):
-            return False
-        if wanted.shape == (4,):
-            if abs(float(wanted @ wanted) - 1.0) > _UNIT:
-                return False
-            wanted = wanted / np.linalg.norm(wanted)
-        self._attitude_or_rates, self._attitude_or_rates_new = (wanted, thrust, now_ns), True
-        return True
-
-    def beside(self, position: Array) -> float:
+    def horizontal_distance(self, position: Array) -> float:
         """Return the horizontal distance of a position (3) from the set point [m]; 0: none."""
         setpoint = self._setpoint
         if setpoint is None:
@@ -148,34 +129,30 @@ class SetpointStream:
         self._setpoint_ns = min(self._setpoint_ns, now_ns)
 
     def message(
-        self, stream: SetpointSource, present: PositionSetpoint | None, hover: float, now_ns: int
+        self, stream: SetpointSource, present: PositionSetpoint | None, now_ns: int
     ) -> Any | None:
-        """Return the messages to send now; None: nothing.
+        """Return the message to send now; None: nothing.
 
         Args:
-            stream: messages of the session.
+            stream: which set point the session wants.
             present: the vehicle's own position; None: not known.
-            hover: throttle that hovers; 0: not known.
             now_ns: the present.
         """
         if stream != self._stream:
             self._stream, self._hold_setpoint = stream, None
             self._streamed_ns = 0
-        due = stream != SetpointSource.NONE
-        due = due and now_ns - self._streamed_ns >= SECOND_NS / self._params.stream_rate
-        message = None
+        due = now_ns - self._streamed_ns >= SECOND_NS / self._params.stream_rate
+        setpoint = present
         if stream == SetpointSource.SETPOINT:
-            if due or self._new or self._attitude_or_rates_new:
-                message = self._wanted(now_ns, due, hover)
-        elif due:
-            if stream == SetpointSource.HOLD:
-                present = self._hold_setpoint = self._hold_setpoint or present
-            message = None if present is None else self._position(present, now_ns)
-        self._new = self._attitude_or_rates_new = False
-        if message is not None:
-            self._streamed_ns = now_ns
-            self.sent += 1
-        return message
+            due, setpoint = due or self._new, self._wanted(now_ns)
+        elif stream == SetpointSource.HOLD:
+            setpoint = self._hold_setpoint = self._hold_setpoint or present
+        self._new = False
+        if setpoint is None or not due or stream == SetpointSource.NONE:
+            return None
+        self._streamed_ns = now_ns
+        self.sent += 1
+        return self._position(setpoint, now_ns)
 
     def _position(self, setpoint: PositionSetpoint, now_ns: int) -> Any:
         """Return a set point as a message; its velocity is ahead by the lag of PX4's attitude."""
@@ -192,25 +169,15 @@ class SetpointStream:
         setpoint = replace(setpoint, velocity=setpoint.velocity + lead)
         return messages.position_target(setpoint, self._target, now_ns)
 
-    def _wanted(self, now_ns: int, due: bool, hover: float) -> Any | None:
-        """Return the set point of the suite as a message for PX4."""
-        rotation = self._attitude_or_rates
-        if self._params.setpoint != POSITION and rotation is not None and hover > 0.0:
-            wanted, thrust, taken_ns = rotation
-            if now_ns - taken_ns <= _TIMEOUT_NS:
-                if not self._attitude_or_rates_new and not due:
-                    return None
-                throttle = messages.throttle_of(thrust, self._mass, hover)
-                return messages.rotation_target(wanted, throttle, self._target, now_ns)
+    def _wanted(self, now_ns: int) -> PositionSetpoint | None:
+        """Return the set point of the suite; a silent one is kept, at rest."""
         setpoint = self._setpoint
-        if setpoint is None:
-            return None
-        if not self.fresh(now_ns):
-            still = np.zeros(3)
-            setpoint = replace(setpoint, velocity=still, acceleration=still)
-        return self._position(setpoint, now_ns)
+        if setpoint is None or self.fresh(now_ns):
+            return setpoint
+        still = np.zeros(3)
+        return replace(setpoint, velocity=still, acceleration=still)
 
-    def faults(self, hover: float, now_ns: int) -> dict[str, str]:
+    def faults(self, now_ns: int) -> dict[str, str]:
         """Return the faults of the set points while the vehicle follows them."""
         faults = {}
         if not self.fresh(now_ns):
@@ -220,14 +187,5 @@ class SetpointStream:
         if self._moved_inside:
             faults["setpoint_outside"] = (
                 "set point outside of the flight volume: moved to its border (volume)"
-            )
-        if self._params.setpoint == POSITION:
-            return faults
-        if hover <= 0.0:
-            faults["hover_thrust"] = "MPC_THR_HOVER is not known: position set points are flown"
-        last = self._attitude_or_rates
-        if last is None or now_ns - last[2] > _TIMEOUT_NS:
-            faults["rotation_silent"] = (
-                f"no {self._params.setpoint} set points come: position set points are flown"
             )
         return faults

@@ -245,7 +245,7 @@ class ParameterReader:
 
     @property
     def complete(self) -> bool:
-        """Nothing is asked for any more."""
+        """All requests are answered or given up."""
         return all(p.value is not None or p.silent for p in self._all.values())
 
     def reset(self) -> None:

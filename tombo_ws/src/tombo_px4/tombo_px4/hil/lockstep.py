@@ -91,7 +91,7 @@ class HilSimulator:
         """Listen on this machine, and set the vehicle on the ground.
 
         Args:
-            world: what is simulated.
+            world: vehicle, propeller, effects and obstacle.
             seed: of all random draws; each flight has the same.
             port: where PX4 connects; 0 takes a free one.
             speed: simulated time against that of `advance`; 0: as fast as possible.

@@ -2,7 +2,7 @@
 
 An invalid message is dropped and counted under a reason: `not_finite`, `wrong_frame`,
 `not_unit`, `stamp`, `not_px4`, `range`, `not_for_us`, `unknown_kind`. Texts of more than 50
-characters come in pieces, which are put together.
+characters come in pieces, which are joined.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from tombo_px4.frames import (
     UPPER_DIAGONAL,
     enu_from_ned,
     flu_from_frd,
-    frd_from_flu,
     ned_from_enu,
     px4_quaternion,
     px4_yaw,
@@ -44,7 +43,6 @@ ATTITUDE_MASK = (
     | mav.ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE
     | mav.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE
 )
-RATES_MASK = mav.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
 _TRACKED = 100
 """ODOMETRY.quality of a valid pose, in percent."""
 _CUSTOM_MODE = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -100,22 +98,11 @@ def position_target(setpoint: PositionSetpoint, to: MessageTarget, now_ns: int) 
     )
 
 
-def rotation_target(wanted: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
-    """Return a set point of throttle 0..1 and attitude, or body rates.
-
-    Args:
-        wanted: (4) xyzw, map from base_link, or (3) [rad/s], base_link.
-        throttle: share of the highest thrust.
-        to: who follows it.
-        now_ns: the present.
-    """
-    mask, q, rates = RATES_MASK, [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
-    if wanted.shape == (4,):
-        mask, q = ATTITUDE_MASK, px4_quaternion(wanted).tolist()
-    else:
-        rates = frd_from_flu(wanted).tolist()
+def attitude_target(attitude: Array, throttle: float, to: MessageTarget, now_ns: int) -> Any:
+    """Return a set point of attitude (4) xyzw, map from base_link, and throttle 0..1."""
+    q, no_rates = px4_quaternion(attitude).tolist(), (0.0, 0.0, 0.0)
     return mav.MAVLink_set_attitude_target_message(
-        now_ns // _MILLI % 2**32, *to, mask, q, *rates, throttle
+        now_ns // _MILLI % 2**32, *to, ATTITUDE_MASK, q, *no_rates, throttle
     )
 
 
@@ -124,9 +111,9 @@ def throttle_of(thrust: float, mass: float, hover_thrust: float) -> float:
     return min(max(thrust / (mass * GRAVITY) * hover_thrust, 0.0), 1.0)
 
 
-def heartbeat() -> Any:
+def heartbeat(kind: int = mav.MAV_TYPE_GCS) -> Any:
     """Return our HEARTBEAT, that of a ground station: PX4 sends its texts to those alone."""
-    content = (mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
+    content = (kind, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
     return mav.MAVLink_heartbeat_message(*content)
 
 
@@ -272,6 +259,20 @@ class ParameterValue(NamedTuple):
     kind: int
 
 
+def decode_parameter(m: Any) -> ParameterValue:
+    """Return the content of PARAM_VALUE: PX4 sends a whole number by its bytes.
+
+    Raises:
+        RefusedMessage: another type, or a value that is not finite.
+    """
+    name, value = str(m.param_id), float(m.param_value)
+    if m.param_type == mav.MAV_PARAM_TYPE_INT32:
+        return ParameterValue(name, int_of_float(value), m.param_type)
+    if m.param_type != mav.MAV_PARAM_TYPE_REAL32:
+        raise RefusedMessage("unknown_kind")
+    return ParameterValue(name, float(_bounded(math.inf, value)[0]), m.param_type)
+
+
 class EstimatorStatusFlags(NamedTuple):
     """State of PX4's estimator (ESTIMATOR_STATUS)."""
 
@@ -286,64 +287,47 @@ class EstimatorStatusFlags(NamedTuple):
 
 
 _FULL = 50
-"""A piece of this length is followed by another."""
+"""A piece of this length is followed by another one [characters]."""
 _PATIENCE_NS = 1_000_000_000
-_MOST_TEXTS, _MOST_CHUNKS = 8, 8
-_GAP = "…"
-
-
-class _PartialText(NamedTuple):
-    severity: int
-    arrival_ns: int
-    chunks: dict[int, str]
-
-    @property
-    def last(self) -> int:
-        """Place of the last piece; of the one that is awaited, if that has not come."""
-        short = [place for place, text in self.chunks.items() if len(text) < _FULL]
-        return short[0] if short else max(self.chunks) + 1
-
-    def text(self) -> StatusText:
-        words = "".join(self.chunks.get(place, _GAP) for place in range(self.last + 1))
-        return _status_text(self.arrival_ns, self.severity, words)
+_MOST_PIECES = 8
 
 
 class StatusTextAssembler:
-    """Puts pieces together in whichever order they come; a missing one becomes `…`."""
+    """Joins the pieces of long texts, in the order of their arrival."""
 
     def __init__(self) -> None:
-        self._growing: dict[int, _PartialText] = {}
+        self._begun: dict[int, StatusText] = {}
+        """Number of a text → its beginning."""
 
     def take(
-        self, severity: int, text: str, number: int, chunk: int, arrival_ns: int
+        self, severity: int, text: str, number: int, piece: int, arrival_ns: int
     ) -> StatusText | None:
         """Take a piece; return the text once it is whole.
 
         Args:
             severity: MAV_SEVERITY.
-            text: up to 50 characters.
-            number: of the text; 0: it is whole in itself, but also of PX4's first one in pieces.
-            chunk: place of the piece in it.
+            text: up to 50 characters; fewer end the text.
+            number: of the text.
+            piece: place of the piece in it.
             arrival_ns: when it came.
 
         Raises:
-            RefusedMessage: out of bounds, or too many texts are incomplete.
+            RefusedMessage: out of bounds.
         """
-        if not 0 <= severity <= 7 or chunk >= _MOST_CHUNKS:
+        if not 0 <= severity <= 7 or piece >= _MOST_PIECES:
             raise RefusedMessage("range")
-        if number == 0 and chunk == 0 and len(text) < _FULL:
-            return _status_text(arrival_ns, severity, text)
-        if number not in self._growing and len(self._growing) >= _MOST_TEXTS:
-            raise RefusedMessage("too_many")
-        growing = self._growing.setdefault(number, _PartialText(severity, arrival_ns, {}))
-        growing.chunks[chunk] = text
-        return self._growing.pop(number).text() if len(growing.chunks) > growing.last else None
+        begun = self._begun.pop(number, None) if piece else None
+        joined = text if begun is None else begun.text + text
+        if len(text) < _FULL:
+            return _status_text(arrival_ns, severity, joined)
+        self._begun[number] = StatusText(arrival_ns, severity, joined)
+        return None
 
     def take_expired(self, now_ns: int) -> list[StatusText]:
         """Return incomplete texts that have waited for a second."""
-        texts = self._growing.items()
+        texts = self._begun.items()
         late = [number for number, text in texts if now_ns - text.arrival_ns > _PATIENCE_NS]
-        return [self._growing.pop(number).text() for number in late]
+        return [_status_text(*self._begun.pop(number)) for number in late]
 
 
 def _status_text(arrival_ns: int, severity: int, text: str) -> StatusText:
@@ -359,24 +343,14 @@ _SAME_JUMP_NS = 100_000_000
 """Messages whose clocks differ by the same, within this, prove a jump of one of the clocks."""
 _UNIT = 0.02
 _FAILSAFE = (mav.MAV_STATE_CRITICAL, mav.MAV_STATE_EMERGENCY, mav.MAV_STATE_FLIGHT_TERMINATION)
-_FAR = 1e6
+_LARGEST = 1e6
 """[m], [m/s]: no number of a flight is larger."""
 _FASTEST_TURN, _HARDEST = 100.0, 1e4
 """[rad/s], [m/s^2] of sensors that work."""
 _BOTH_SENSORS = 0x3F
 """HIGHRES_IMU.fields_updated: three axes of accelerometer and gyro."""
 _PRESSURE_ALTITUDE = mav.HIGHRES_IMU_UPDATED_PRESSURE_ALT
-_INTEGERS = {
-    mav.MAV_PARAM_TYPE_UINT8: "<B3x",
-    mav.MAV_PARAM_TYPE_INT8: "<b3x",
-    mav.MAV_PARAM_TYPE_UINT16: "<H2x",
-    mav.MAV_PARAM_TYPE_INT16: "<h2x",
-    mav.MAV_PARAM_TYPE_UINT32: "<I",
-    mav.MAV_PARAM_TYPE_INT32: "<i",
-}
-_HEADER = 10
-"""Bytes before the payload of a MAVLink 2 frame."""
-_NO_CELL, _NO_VOLTAGE = 0xFFFF, 0xFFFF
+_NO_CELL = 0xFFFF
 
 
 class MessageDecoder:
@@ -447,7 +421,7 @@ class MessageDecoder:
             in_body or m.child_frame_id == mav.MAV_FRAME_LOCAL_NED
         ):
             raise RefusedMessage("wrong_frame")
-        place = _bounded(_FAR, m.x, m.y, m.z, m.vx, m.vy, m.vz)
+        place = _bounded(_LARGEST, m.x, m.y, m.z, m.vx, m.vy, m.vz)
         rates = _bounded(_FASTEST_TURN, m.rollspeed, m.pitchspeed, m.yawspeed)
         attitude = _attitude(m.q)
         velocity = place[3:]
@@ -484,11 +458,6 @@ class MessageDecoder:
         current, left = _current(m.current_battery), _share(m.battery_remaining)
         return BatteryReading(arrival_ns, voltage, current, left, cells)
 
-    def _system(self, m: Any, arrival_ns: int) -> object:
-        voltage = math.nan if m.voltage_battery == _NO_VOLTAGE else 1e-3 * m.voltage_battery
-        current, left = _current(m.current_battery), _share(m.battery_remaining)
-        return BatteryReading(arrival_ns, voltage, current, left)
-
     def _text(self, m: Any, arrival_ns: int) -> object:
         return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
 
@@ -496,17 +465,6 @@ class MessageDecoder:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
             raise RefusedMessage("not_for_us")
         return CommandAck(arrival_ns, int(m.command), int(m.result))
-
-    def _parameter(self, m: Any, arrival_ns: int) -> object:
-        name = str(m.param_id)
-        value: float | int = float(m.param_value)
-        if m.param_type in _INTEGERS:
-            value = int(struct.unpack(_INTEGERS[m.param_type], _value_bytes(m))[0])
-        elif m.param_type != mav.MAV_PARAM_TYPE_REAL32:
-            raise RefusedMessage("unknown_kind")
-        elif not math.isfinite(value):
-            raise RefusedMessage("range")
-        return ParameterValue(name, value, m.param_type)
 
     def _version(self, m: Any, arrival_ns: int) -> object:
         major, minor, patch, _ = m.flight_sw_version.to_bytes(4, "big")
@@ -531,10 +489,9 @@ _READERS: dict[str, _Reader] = {
     "ODOMETRY": MessageDecoder._odometry,
     "HIGHRES_IMU": MessageDecoder._imu,
     "BATTERY_STATUS": MessageDecoder._battery,
-    "SYS_STATUS": MessageDecoder._system,
     "STATUSTEXT": MessageDecoder._text,
     "COMMAND_ACK": MessageDecoder._ack,
-    "PARAM_VALUE": MessageDecoder._parameter,
+    "PARAM_VALUE": lambda _, m, t: decode_parameter(m),
     "AUTOPILOT_VERSION": MessageDecoder._version,
     "ATTITUDE_TARGET": lambda _, m, t: float(*_bounded(1.0, m.thrust)),
     "EXTENDED_SYS_STATE": lambda _, m, t: MavLandedState(m.landed_state),
@@ -577,15 +534,3 @@ def _current(centi: int) -> float:
 
 def _share(percent: int) -> float:
     return 1e-2 * percent if 0 <= percent <= 100 else math.nan
-
-
-def _value_bytes(m: Any) -> bytes:
-    """Return the four bytes of param_value as they came.
-
-    As a float some whole numbers (-8388607 to -4194305) would be changed: they are NaNs that no
-    processor hands on untouched.
-    """
-    data = m.get_msgbuf()
-    if data and data[0] == 0xFD:
-        return bytes(data[_HEADER : _HEADER + min(data[1], 4)]).ljust(4, b"\0")
-    return struct.pack("<f", m.param_value)

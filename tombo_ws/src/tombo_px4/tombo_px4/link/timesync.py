@@ -1,19 +1,17 @@
 """Offset between two clocks from TIMESYNC round trips, in both directions.
 
 A request carries its sender's time `ts1`; the answer brings it back with the other's time `tc1`.
-What we know then, without any model of the way: the answer was written between the request's
-departure and the answer's arrival, so the offset lies within half a round trip of
+The answer was written between the request's departure and the answer's arrival. Without any model
+of the way, (ts1 + arrival) / 2 - tc1 is therefore wrong by at most half a round trip.
 
-    (ts1 + arrival) / 2 - tc1
-
-How likely it is near the edge depends on how much longer than the quickest round trip it took: all
-of it may have been spent in one direction. That excess is the standard deviation in a Kalman
-filter of one state; the bound catches what the model does not know, as a clock that runs some
-percent faster.
+The offset follows these samples. A round trip that exceeds the quickest one has less weight: all
+of the excess may be spent in one direction. The offset never leaves the bound, so it also follows
+a clock that runs some percent faster.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 
@@ -28,19 +26,16 @@ def answer_request(ts1: int, received_ns: int, now_ns: int) -> tuple[int, int]:
 
 CONVERGED = 10
 """Answers after which stamps may be converted."""
-
 _PENDING = 32
 """Requests that may be under way; at 10 Hz, for 3 s."""
 _QUICKEST_OF = 32
-_SLOW_NS = 10_000_000
-"""An answer this much slower than the quickest round trip is ignored."""
-_PATIENCE = 10
 _JUMP_NS = 5_000_000
 _PROOFS = 3
+"""Answers in a row that prove a jump of a clock."""
 _NOISE_NS = 50_000.0
-_WANDER_NS2_PER_S = 6.25e7
-"""A clock's own wandering: with it the filter follows within about 2 s at 10 Hz."""
-_LONGEST_S = 10.0
+"""An excess that halves the weight of an answer."""
+_LEAST_SHARE = 0.05
+"""Share of a quick answer in the offset, once many have come: 2 s at 10 Hz."""
 
 
 class TimeSync:
@@ -48,12 +43,11 @@ class TimeSync:
 
     Attributes:
         offset_ns: theirs + offset = ours; None before the first answer.
-        rtt_ns: of the last answer that counted; None before.
+        rtt_ns: of the last answer; None before.
         jumps: how often one of the clocks jumped, and the offset was measured anew.
         converged: enough answers came for stamps to be converted; a jump does not take it back,
             because one answer bounds the new offset to half a round trip.
-        refused: answers to nothing we asked, or from before the request.
-        slow: answers that took too long to be worth anything.
+        refused: answers without a request, or from before the request.
     """
 
     def __init__(self) -> None:
@@ -62,16 +56,11 @@ class TimeSync:
         self.jumps = 0
         self.converged = False
         self.refused = 0
-        self.slow = 0
         self._pending: deque[int] = deque(maxlen=_PENDING)
         self._round_trips: deque[int] = deque(maxlen=_QUICKEST_OF)
         self._samples = 0
-        self._offset = 0.0  # against self._base: floats have no room for today's time in ns
-        self._base = 0
-        self._variance = 0.0
-        self._last_ns = 0
-        self._slow_in_a_row = 0
-        self._impossible = 0  # answers in a row that prove a jump
+        self._impossible = 0
+        """Answers in a row whose offset is not possible."""
 
     def request(self, now_ns: int) -> tuple[int, int]:
         """Return (tc1, ts1) of a request that leaves now."""
@@ -92,57 +81,25 @@ class TimeSync:
         self._pending.remove(ts1)
         rtt = received_ns - ts1
         sample = (ts1 + received_ns) // 2 - tc1
-        if self.offset_ns is None:
-            self._begin(sample, rtt, received_ns)
+        offset = sample if self.offset_ns is None else self.offset_ns
+        error = sample - offset
+        beyond = abs(error) - rtt // 2
+        self._impossible = self._impossible + 1 if beyond > _JUMP_NS else 0
+        if 0 < self._impossible < _PROOFS:
             return
-        error = float(sample - self._base) - self._offset
-        beyond = abs(error) - 0.5 * rtt
-        if beyond > _JUMP_NS:
-            self._impossible += 1
-            if self._impossible >= _PROOFS:
-                self.jumps += 1
-                self._begin(sample, rtt, received_ns)
-            return
-        self._impossible = 0
+        if self._impossible:  # a clock has jumped: begin anew
+            self.jumps += 1
+            self._impossible = self._samples = 0
+            self._round_trips.clear()
         self._round_trips.append(rtt)
         excess = rtt - min(self._round_trips)
-        if excess > _SLOW_NS and self._samples >= CONVERGED:
-            self.slow += 1
-            self._slow_in_a_row += 1
-            if self._slow_in_a_row >= _PATIENCE:  # the way itself has become slow
-                self._round_trips.clear()
-            return
-        self._slow_in_a_row = 0
-        self._correct(error, beyond, float(excess), received_ns)
+        weight = (_NOISE_NS / (_NOISE_NS + excess)) ** 2
+        step = max(1.0 / (1 + self._samples), _LEAST_SHARE) * weight * abs(error)
         self._samples += 1
         self.converged = self.converged or self._samples >= CONVERGED
         self.rtt_ns = rtt
-        self.offset_ns = self._base + round(self._offset)
+        self.offset_ns = offset + round(math.copysign(max(step, beyond), error))
 
     def to_local_time(self, theirs_ns: int) -> int:
         """Convert their time to ours; unchanged before the first answer."""
         return theirs_ns + (self.offset_ns or 0)
-
-    def _begin(self, sample: int, rtt: int, now_ns: int) -> None:
-        self.offset_ns = self._base = sample
-        self.rtt_ns = rtt
-        self._round_trips.clear()
-        self._round_trips.append(rtt)
-        self._samples = 1
-        self._offset = 0.0
-        self._variance = (0.5 * rtt + _NOISE_NS) ** 2
-        self._last_ns = now_ns
-        self._slow_in_a_row = self._impossible = 0
-
-    def _correct(self, error: float, beyond: float, excess: float, now_ns: int) -> None:
-        """Take a sample that differs by `error`, `beyond` more than half its round trip [ns]."""
-        passed_s = min(max(1e-9 * (now_ns - self._last_ns), 0.0), _LONGEST_S)
-        self._last_ns = now_ns
-        self._variance += _WANDER_NS2_PER_S * passed_s
-        gain = self._variance / (self._variance + (excess + _NOISE_NS) ** 2)
-        self._variance *= 1.0 - gain
-        step = gain * error
-        if beyond > 0.0 and abs(step) < beyond:  # at least to where it is possible
-            step = beyond if error > 0.0 else -beyond
-            self._variance = max(self._variance, beyond * beyond)
-        self._offset += step

@@ -370,7 +370,7 @@ class Endpoint:
             self._refuse(f"{message.get_type()} refused: {refusal.replace('_', ' ')}")
 
     def _remote_control(self, routed: RoutedMessage) -> None:
-        """Take the kill switch; like PX4, what it says first is no change."""
+        """Take the kill switch; as in PX4, its first message changes nothing."""
         channel = int(self.vehicle.parameters.get("RC_MAP_KILL_SW"))
         on = channel > 0 and getattr(routed.received.message, f"chan{channel}_raw") > _SWITCH_ON_US
         if self._switch_on is not None and on != self._switch_on:

@@ -22,7 +22,6 @@ from tombo_px4.frames import (
     PX4_ROTORS,
     GeoOrigin,
     enu_from_ned,
-    flu_from_frd,
     quaternion_of_angles,
     ros_quaternion,
     ros_yaw,
@@ -209,12 +208,10 @@ def decode_setpoint(message: Any) -> OffboardSetpoint | str:
     """
     m, mask = message, message.type_mask
     if m.get_type() == "SET_ATTITUDE_TARGET":
-        rates = _masked((m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate), mask)
-        return OffboardSetpoint(
-            attitude=None if mask & _NO_ATTITUDE else _rotation(m.q),
-            rates=flu_from_frd(rates),
-            thrust=math.nan if mask & _NO_THRUST else float(m.thrust),
-        )
+        if mask & _NO_ATTITUDE:
+            return "without attitude: body rates are not simulated"
+        thrust = math.nan if mask & _NO_THRUST else float(m.thrust)
+        return OffboardSetpoint(attitude=_rotation(m.q), thrust=thrust)
     if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
         return f"coordinate frame {m.coordinate_frame} unsupported"
     return OffboardSetpoint(
