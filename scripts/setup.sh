@@ -13,6 +13,7 @@ set -euo pipefail
 
 readonly ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
 readonly VENV="$ROOT/.venv" KEYS="$ROOT/.venv/.tombo" BUILD="$ROOT/build" SRC="$ROOT/tombo_ws/src"
+readonly WHEELS="$ROOT/scripts/wheels" # packages of ROS of which there is no wheel
 readonly OLDEST=11 NEWEST=13 CMAKE_NEEDED=3.21
 
 kernels=yes web=no
@@ -40,7 +41,8 @@ workspace_key() {
   {
     requirements_key
     cat "$ROOT/scripts/setup.sh" "$SRC"/*/{package.xml,setup.py,setup.cfg,CMakeLists.txt} \
-      "$SRC"/*/cmake/* "$SRC"/*/{msg,srv,action}/* 2>/dev/null
+      "$SRC"/*/cmake/* "$SRC"/*/{msg,srv,action}/* \
+      "$WHEELS"/*/{package.xml,CMakeLists.txt} "$WHEELS"/*/msg/* 2>/dev/null
     cd "$SRC" && ls -d -- */{config,launch,resource}/* 2>/dev/null
   } | key || true
 }
@@ -178,7 +180,7 @@ build_workspace() {
     warming=$!
     trap 'kill $warming 2>/dev/null || true' EXIT
   fi
-  python -m colcon build --base-paths tombo_ws/src --build-base build/colcon \
+  python -m colcon build --base-paths tombo_ws/src scripts/wheels --build-base build/colcon \
     --merge-install --install-base "$VENV" --symlink-install \
     --event-handlers status- desktop_notification- console_cohesion+ \
     --cmake-args -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF \

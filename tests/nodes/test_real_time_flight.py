@@ -54,5 +54,7 @@ def test_it_leaves_the_same_files(flown):
     assert names == {"flight.mcap", "flight.png", "report.html", "scenario.yaml", "summary.json"}
     bag = Bag(folder / "flight.mcap", check=True)
     assert not bag.damage
-    assert set(bag.topics) >= set(TOPICS) - {CLOCK.name, GOAL_POSE.name, TF.name, PX4_STATUS.name}
+    assert set(bag.topics) >= set(TOPICS) - {CLOCK.name, GOAL_POSE.name, PX4_STATUS.name}
+    transforms = bag.columns(TF.name)
+    assert set(transforms["transforms[0].child_frame_id"]) == {"odom"}
     assert sum(topic.count for topic in bag.topics.values()) == figures["recorded_messages"]

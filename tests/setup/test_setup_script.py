@@ -180,6 +180,7 @@ def test_a_second_run_says_and_does_nothing(clone: Clone):
         ("requirements.txt", ["pip", "colcon"]),
         ("tombo_ws/src/tombo_msgs/msg/Contact.msg", ["colcon"]),
         ("tombo_ws/src/tombo_msgs/package.xml", ["colcon"]),
+        ("scripts/wheels/tf2_msgs/msg/TFMessage.msg", ["colcon"]),
         ("tombo_ws/src/tombo_sim/setup.py", ["colcon"]),
         ("tombo_ws/src/tombo_sim/launch/sim.launch.py", ["colcon"]),
         ("tombo_ws/src/tombo_sim/tombo_sim/simulator.py", []),
@@ -189,7 +190,7 @@ def test_an_edit_redoes_only_what_depends_on_it(clone: Clone, edited: str, steps
     clone.setup()
     clone.steps()
     path = clone.root / edited
-    path.parent.mkdir(exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:
         file.write("\n# edited\n")
     assert clone.setup().returncode == 0

@@ -25,6 +25,7 @@ RATES_HZ = {
     "/tf": 50,
     "/battery": 10,
 }
+FRAMES_OF_A_TRANSFORM = ("header.frame_id", "child_frame_id")
 
 
 def xyz(table, path, axes="xyz"):
@@ -35,6 +36,9 @@ def write(path, flight):
     with McapSink(path) as sink:
         write_flight(sink, flight)
     return Recording(path)
+
+
+FRAMES_OF_A_TRANSFORM = ("header.frame_id", "child_frame_id")
 
 
 @pytest.fixture(scope="module")
@@ -106,9 +110,11 @@ def test_values_arrive_unchanged(bag, flight):
     np.testing.assert_array_equal(rates["thrust"], log["thrust_setpoint"][::4, 0])
     tf = bag.columns("/tf")
     np.testing.assert_array_equal(
-        xyz(tf, "transforms[0].transform.translation"), log["est_position"][::20]
+        xyz(tf, "transforms[1].transform.translation"), log["est_position"][::20]
     )
-    assert set(tf["transforms[0].child_frame_id"]) == {"base_link"}
+    chain = [set(tf[f"transforms[{i}].{n}"]) for i in (0, 1) for n in FRAMES_OF_A_TRANSFORM]
+    assert chain == [{"map"}, {"odom"}, {"odom"}, {"base_link"}]
+    assert (xyz(tf, "transforms[0].transform.rotation", "xyzw") == [0.0, 0.0, 0.0, 1.0]).all()
 
 
 def test_what_the_cores_published_is_written_as_it_was(bag, flight):

@@ -51,6 +51,8 @@ DEFINITIONS = {
     f"MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n{HEADER}{POSE}",
 }
 PLACES = {"drone": [0.1, 0.2, 0.3], "wand": [1.0, 2.0, 3.0]}
+CHAIN = {"wand": "map", "drone": "wand"}
+"""Body → frame that its transform is in."""
 TURN = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
 
 
@@ -65,7 +67,9 @@ def message(store, typename, k, bodies):
         x, y, z = np.add(PLACES[name], [0.01 * k * (name == "drone"), 0.0, 0.0]).tolist()
         if typename == TF:
             moved = t["geometry_msgs/msg/Transform"](t["geometry_msgs/msg/Vector3"](x, y, z), turn)
-            made.append(t["geometry_msgs/msg/TransformStamped"](header, name, moved))
+            above = bodies[name] if bodies is CHAIN else "map"
+            own = t["std_msgs/msg/Header"](stamp=stamp, frame_id=above)
+            made.append(t["geometry_msgs/msg/TransformStamped"](own, name, moved))
             continue
         pose = t["geometry_msgs/msg/Pose"](t["geometry_msgs/msg/Point"](x, y, z), turn)
         if typename == NAMED:
@@ -130,3 +134,16 @@ def test_transforms_count_where_nothing_else_has_poses(tmp_path):
     recorded(tmp_path / "a_1.mcap", TF, topic="/tf")
     with Recording(tmp_path) as recording:
         assert set(recording.topics) == {"/poses", "/poses/drone", "/poses/wand", "/tf"}
+
+
+def test_a_body_below_another_frame_is_read_in_map(tmp_path):
+    """As of REP-105: the place in map is that of the frame between, and the turned offset."""
+    path = recorded(tmp_path / "a.mcap", TF, lambda k: CHAIN, "/tf")
+    with Recording(path) as recording:
+        assert set(recording.topics) == {"/tf", "/tf/drone"}
+        fields = fields_of("geometry_msgs/msg/PoseStamped", recording.columns("/tf/drone"))
+    offset = np.add([0.1, 0.2, 0.3], np.outer(0.01 * np.arange(20), [1, 0, 0]))
+    turned = np.column_stack([-offset[:, 1], offset[:, 0], offset[:, 2]])  # 90 deg about z
+    assert fields["position"] == pytest.approx(PLACES["wand"] + turned)
+    assert fields["attitude"] == pytest.approx(np.tile([0.0, 0.0, 1.0, 0.0], (20, 1)))
+    assert set(fields["frame_id"]) == {"map"}

@@ -121,8 +121,8 @@ def _transform(log: Log) -> tuple[Ticks, dict[str, Any]]:
     known = np.flatnonzero(np.isfinite(position[:, 0]))
     ticks = known[known % (TICK_HZ // 50) == 0]
     return ticks, {
-        "transforms[0].transform.translation": position[ticks],
-        "transforms[0].transform.rotation": log["est_attitude"][ticks],
+        "transforms[1].transform.translation": position[ticks],
+        "transforms[1].transform.rotation": log["est_attitude"][ticks],
     }
 
 
@@ -211,8 +211,8 @@ def _messages(name: str, topic: Topic) -> tuple[NDArray[np.int64], Any]:
     if typename in FORMS:
         return times_ns, encoded(typename, {"stamp_ns": stamps_ns, **columns})
     records = layout(typename, CONSTANTS[typename]).records(len(times_ns))
-    path = "transforms[0].header.stamp" if typename == TF.typename else "header.stamp"
-    lay_in_times(records, path, stamps_ns)
+    for header in ("transforms[0].", "transforms[1].") if typename == TF.typename else ("",):
+        lay_in_times(records, f"{header}header.stamp", stamps_ns)
     for path, column in columns.items():
         lay_in(records, path, column)
     return times_ns, records

@@ -22,7 +22,7 @@ from tombo_bag.schemas import known_types
 from tombo_bag.topics import BATTERY, POSE_TYPES, TF
 from tombo_dynamics import messages
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP
+from tombo_dynamics.frames import FRAME_BODY, FRAME_MAP, FRAME_ODOM
 from tombo_dynamics.time_base import SECOND_NS
 
 _Kind = TypeVar("_Kind")
@@ -32,7 +32,14 @@ _TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
 _UNKNOWN = ("temperature", "charge", "capacity", "design_capacity", "percentage")
 CONSTANTS: Mapping[str, Mapping[str, Any]] = {
     TF.typename: {
-        "transforms": [{"header": {"frame_id": FRAME_MAP}, "child_frame_id": FRAME_BODY}]
+        "transforms": [
+            {
+                "header": {"frame_id": FRAME_MAP},
+                "child_frame_id": FRAME_ODOM,
+                "transform": {"rotation": {"w": 1.0}},  # the estimate does not drift
+            },
+            {"header": {"frame_id": FRAME_ODOM}, "child_frame_id": FRAME_BODY},
+        ]
     },
     BATTERY.typename: {
         "header": {"frame_id": FRAME_BODY},

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from tombo_bag.columns import ColumnTable, columns_of
 from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.message_codec import encoded
 from tombo_bag.topics import MOCAP_POSE, POSE_TYPES
+from tombo_dynamics.rotation import body_to_map, quaternion_multiply
 from tombo_dynamics.time_base import SECOND_NS
 
 
@@ -96,12 +97,44 @@ def _by_body(
             given = {"stamp_ns": stamp_ns, "frame_id": frame_id, **pose}
             columns.setdefault(str(name).strip("/"), []).append((rows, given))
         place += 1
-    for name, parts in columns.items():
-        rows = np.concatenate([part[0] for part in parts])
-        given = {key: np.concatenate([p[1][key] for p in parts]) for key in parts[0][1]}
+    frames = {
+        name: (
+            np.concatenate([rows for rows, _ in parts]),
+            {key: np.concatenate([given[key] for _, given in parts]) for key in parts[0][1]},
+        )
+        for name, parts in columns.items()
+    }
+    parents = {str(given["frame_id"][0]).strip("/") for _, given in frames.values()}
+    for name in [name for name in frames if name not in parents] or frames:
+        rows, given = _from_root(name, frames)
         messages = list(encoded(MOCAP_POSE.typename, given))
         ordered = in_log_order(raw.log_times_ns[rows], raw.publish_times_ns[rows], messages)
         yield f"{topic}/{name}", ordered
+
+
+def _from_root(
+    name: str, frames: Mapping[str, tuple[NDArray[np.intp], ColumnTable]]
+) -> tuple[NDArray[np.intp], ColumnTable]:
+    """Return a body's poses in the outermost frame, by the newest transform of each one between.
+
+    A pose before the first of these transforms is left out.
+    """
+    rows, pose = frames[name]
+    for _ in frames:
+        parent = str(pose["frame_id"][0]).strip("/")
+        if parent not in frames or parent == name:
+            break
+        theirs, above = frames[parent]
+        order = np.argsort(theirs, kind="stable")
+        newest = np.searchsorted(theirs[order], rows, side="right") - 1
+        known = newest >= 0
+        rows, newest = rows[known], order[newest[known]]
+        pose = {key: values[known] for key, values in pose.items()}
+        turn = above["attitude"][newest]
+        pose["position"] = above["position"][newest] + body_to_map(turn, pose["position"])
+        pose["attitude"] = quaternion_multiply(turn, pose["attitude"])
+        pose["frame_id"] = above["frame_id"][newest]
+    return rows, pose
 
 
 def bodies_in(

@@ -121,7 +121,13 @@ MARKERS = TopicSpec(
     0.0,
     "obstacle, discs, x_c, x_r, for RViz and Foxglove",
 )
-TF = TopicSpec("/tf", "tf2_msgs/msg/TFMessage", STATE, 50.0, "map to base_link, the estimate")
+TF = TopicSpec(
+    "/tf",
+    "tf2_msgs/msg/TFMessage",
+    STATE,
+    50.0,
+    "map to odom to base_link (REP-105), the estimate",
+)
 TRUE_ODOMETRY = TopicSpec(
     "/ground_truth/odometry", "nav_msgs/msg/Odometry", SENSOR, 250.0, "true pose and twist"
 )
@@ -149,7 +155,7 @@ CLOCK = TopicSpec(
 TOPICS: dict[str, TopicSpec] = {
     spec.name: spec for spec in tuple(globals().values()) if isinstance(spec, TopicSpec)
 }
-"""All topics by name. `/clock` is published with `use_sim_time` only, `/tf` where tf2_msgs is."""
+"""All topics by name. `/clock` is published with `use_sim_time` only."""
 
 POSE_TYPES: dict[str, tuple[str, str]] = {
     "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.markers import disc_markers
-from tombo_bag.message_codec import CONSTANTS
-from tombo_bag.topics import MARKERS, ODOMETRY, TF
+from tombo_bag.topics import MARKERS, ODOMETRY
 from tombo_control.estimator import nearest_tick
 from tombo_control.estimator_core import EstimatorCore
-from tombo_dynamics.messages import Odometry
 from tombo_dynamics.rotation import rotate_vector
 from tombo_ros.core_node import CoreNode, main_of
 from tombo_ros.pacing import ESTIMATOR
-from tombo_ros.topic import message_class
+from tombo_ros.transforms import TransformPublisher
 
 _TF_TICKS, _DISC_TICKS = 20, 100
 
@@ -30,36 +27,20 @@ class EstimatorNode(CoreNode):
         """Advertise what is drawn."""
         super().__init__(EstimatorCore, priority=ESTIMATOR)
         self._markers = self.advertise(MARKERS)
-        self._tf_out, self._tf = self._transforms()
+        self._transforms = TransformPublisher(self)
         self._hubs = self.records["vehicle"].rotor_positions()
-
-    def _transforms(self) -> tuple[Any, Any]:
-        """Return topic and message of /tf, or nothing where tf2_msgs is not installed."""
-        try:
-            message_class(TF.typename)
-        except ImportError:
-            self.ros.get_logger().info("tf2_msgs is not installed: no /tf; poses are on /odometry")
-            return None, None
-        return self.advertise(TF), layout(TF.typename, CONSTANTS[TF.typename]).records(1)
 
     def on_published(self, topic: str, message: Any) -> None:
         """Publish the transform and the discs of an estimate now and then."""
         if topic != ODOMETRY.name:
             return
         tick = nearest_tick(message.stamp_ns)
-        if tick % _TF_TICKS == 0 and self._tf_out is not None:
-            self._publish_transform(message)
+        if tick % _TF_TICKS == 0:
+            self._transforms.send(message.stamp_ns, message.position, message.attitude)
         if tick % _DISC_TICKS == 0:
             hubs = [message.position + rotate_vector(message.attitude, hub) for hub in self._hubs]
             radius = self.records["vehicle"].rotor_radius
             self._markers.publish(disc_markers(message.stamp_ns, hubs, message.attitude, radius))
-
-    def _publish_transform(self, message: Odometry) -> None:
-        path = "transforms[0]"
-        lay_in_times(self._tf, f"{path}.header.stamp", message.stamp_ns)
-        lay_in(self._tf, f"{path}.transform.translation", message.position)
-        lay_in(self._tf, f"{path}.transform.rotation", message.attitude)
-        self._tf_out.publish(self._tf.tobytes())
 
 
 main = main_of(EstimatorNode)

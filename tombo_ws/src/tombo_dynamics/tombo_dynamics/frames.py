@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 FRAME_MAP: Final = "map"
+FRAME_ODOM: Final = "odom"
+"""Between the others by REP-105; equal to `map`, because motion capture does not drift."""
 FRAME_BODY: Final = "base_link"
 
 

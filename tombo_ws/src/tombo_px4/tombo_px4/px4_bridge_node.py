@@ -10,7 +10,6 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,9 +18,8 @@ import numpy as np
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
-from tombo_bag.message_codec import CONSTANTS, MessageCodec
-from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ODOMETRY, PX4_STATUS, SETPOINT, TF
+from tombo_bag.message_codec import MessageCodec
+from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ODOMETRY, PX4_STATUS, SETPOINT
 from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.errors import InputError
@@ -48,7 +46,8 @@ from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR, WARN
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import ESTIMATOR
-from tombo_ros.topic import TopicPublisher, message_class
+from tombo_ros.topic import message_class
+from tombo_ros.transforms import TransformPublisher
 
 _RATE_HZ = 250.0
 _TF_NS = 20_000_000
@@ -118,10 +117,7 @@ class Px4BridgeNode(LoopNode):
         self._battery_out, self._status_out = self.advertise(BATTERY), self.advertise(PX4_STATUS)
         self._seldom_ns = 0
         """Stamp of the last estimate that went out as a transform, too."""
-        self._tf_out: TopicPublisher | None = None
-        with suppress(ImportError):  # tf2_msgs is not installed
-            self._tf_out = self.advertise(TF)
-            self._tf = layout(TF.typename, CONSTANTS[TF.typename]).records(1)
+        self._transforms = TransformPublisher(self)
         self._waiting: deque[tuple[str, Any]] = deque()  # filled by the services' thread
         self._pending_requests: dict[int, Any] = {}
         self._offer(SetBool, "arm", lambda request: "arm" if request.data else "disarm")
@@ -255,11 +251,7 @@ class Px4BridgeNode(LoopNode):
         if stamp_ns - self._seldom_ns < _TF_NS:
             return
         self._seldom_ns = stamp_ns
-        if self._tf_out is not None:
-            lay_in_times(self._tf, "transforms[0].header.stamp", stamp_ns)
-            lay_in(self._tf, "transforms[0].transform.translation", odometry.position)
-            lay_in(self._tf, "transforms[0].transform.rotation", attitude)
-            self._tf_out.publish(self._tf.tobytes())
+        self._transforms.send(stamp_ns, odometry.position, attitude)
 
     def _publish_imu(self, sample: VehicleImu) -> None:
         assert sample.stamp_ns is not None
