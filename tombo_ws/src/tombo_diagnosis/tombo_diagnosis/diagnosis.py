@@ -165,6 +165,11 @@ class Change:
     confidence: float
     """Probability (0 to 1)."""
 
+    @property
+    def label(self) -> str:
+        """Effect and rotor in one name, as in `set`."""
+        return f"{self.effect}.{self.rotor}" if self.rotor else self.effect
+
 
 @dataclass(frozen=True)
 class Diagnosis:

@@ -7,7 +7,7 @@ import pytest
 from synthetic_sessions import KINDS, Vehicle, hidden
 
 from tombo_bag.flight import Flight
-from tombo_diagnosis.change.comparison import Spread, accused_of, compare, spread_of
+from tombo_diagnosis.change.comparison import Spread, compare, spread_of
 from tombo_diagnosis.change.features import Features
 from tombo_diagnosis.change.sessions import healthy_sessions, known_sessions, sessions_by_demand
 from tombo_diagnosis.change.signatures import candidates
@@ -30,9 +30,9 @@ def answer(vehicle, sessions, shift, tried):
     for k in range(sessions):
         healthy += vehicle.session(3)
         names += [str(k)] * 3
-    spread = spread_of(healthy, names)
+    spread = spread_of(healthy, names, tried=tried)
     comparison = compare(spread, vehicle.session(3, shift), tried)
-    return judge_change(comparison, most_confident(*accused_of(healthy, names, tried), spread))
+    return judge_change(comparison, most_confident(spread))
 
 
 @pytest.mark.slow
@@ -71,17 +71,18 @@ def test_days_on_which_rotors_move_are_no_change(tried):
             days.append(vehicle.session(3, move))
         healthy = [f for day in days[:-1] for f in day]
         names = [str(d) for d, day in enumerate(days[:-1]) for _ in day]
-        spread = spread_of(healthy, names)
-        most = most_confident(*accused_of(healthy, names, tried), spread)
-        named += bool(judge_change(compare(spread, days[-1], tried), most).verdict in CAUSES)
+        spread = spread_of(healthy, names, tried=tried)
+        verdict = judge_change(compare(spread, days[-1], tried), most_confident(spread)).verdict
+        named += verdict in CAUSES
     assert named <= 2
 
 
 def test_where_healthy_sessions_are_accused_nothing_may_be_named():
-    many = Spread(Features.of(np.zeros(9), 1.2), np.eye(9), np.eye(9), 5.0, 12, 4)
-    assert most_confident(0, 4, many) > 0.95
-    assert most_confident(2, 4, many) < COVERED and most_confident(3, 4, many) < 0.5
-    assert most_confident(0, 3, replace(many, sessions=1)) < NAMED
+    many = Spread(Features.of(np.zeros(9), 1.2), np.eye(9), np.eye(9), 5.0, 12, 4, left_out=4)
+    assert most_confident(many) > 0.95
+    assert most_confident(replace(many, accused=2)) < COVERED
+    assert most_confident(replace(many, accused=3)) < 0.5
+    assert most_confident(replace(many, left_out=3, sessions=1)) < NAMED
 
 
 def test_two_rotors_of_two_sizes_are_found_with_both(tried):

@@ -67,6 +67,10 @@ class Spread:
     flights: int
     """That `mean` is of."""
     sessions: int
+    left_out: int = 0
+    """Sessions that were compared with the others; flights, if all are of one session."""
+    accused: int = 0
+    """Sessions of these that the others call changed."""
 
     @property
     def days_unknown(self) -> bool:
@@ -106,11 +110,28 @@ class HealthyComparison:
     """Share of healthy sessions of which the demand of the four rotors together is as far off."""
 
 
-def spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str = "") -> Spread:
+def spread_of(
+    healthy: Sequence[Features],
+    sessions: Sequence[str],
+    same: str = "",
+    tried: Sequence[ChangeCandidate] = (),
+) -> Spread:
     """Return mean and spread of healthy flights, one or more, each with its session.
 
-    `same`: the session of these that new flights are of, too; empty: they are of a further one.
+    Args:
+        healthy: features of the flights.
+        sessions: session of each.
+        same: the session of these that new flights are of, too; empty: they are of a further one.
+        tried: candidates of which the others may accuse a session; none: this is not counted.
     """
+    spread = _spread_of(healthy, sessions, same)
+    if not tried:
+        return spread
+    accused, left_out = _accused_of(healthy, sessions, tried)
+    return replace(spread, left_out=left_out, accused=accused)
+
+
+def _spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str) -> Spread:
     values = np.array([f.vector for f in healthy])
     names = list(dict.fromkeys(sessions))
     member = np.array([[s == name for s in sessions] for name in names])
@@ -218,7 +239,7 @@ def smallest_seen(
     return sizes
 
 
-def accused_of(
+def _accused_of(
     healthy: Sequence[Features], sessions: Sequence[str], tried: Sequence[ChangeCandidate]
 ) -> tuple[int, int]:
     """Return how many healthy sessions would be accused by the others; and of how many.
@@ -231,7 +252,7 @@ def accused_of(
     accused = 0
     for name in names:
         rest = [k for k, unit in enumerate(units) if unit != name]
-        spread = spread_of(
+        spread = _spread_of(
             [healthy[k] for k in rest], [sessions[k] for k in rest], sessions[0] if alone else ""
         )
         left_out = [f for f, unit in zip(healthy, units, strict=True) if unit == name]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -14,7 +14,6 @@ from tombo_bag.flight import Finding, Flight, why_left_out
 from tombo_diagnosis.change.comparison import (
     CandidateResult,
     HealthyComparison,
-    accused_of,
     compare,
     smallest_seen,
     spread_of,
@@ -99,12 +98,11 @@ def diagnose_change(
     tried = candidates(nominal.vehicle, nominal.maps, _SIZES)
     old, recent = ([f.log for f in flights] for flights in (before, after))
     named, same = healthy_sessions(old, recent, data.healthy, sessions)
-    spread = spread_of(data.healthy, named, same)
-    accused, asked = accused_of(data.healthy, named, tried)
+    spread = spread_of(data.healthy, named, same, tried)
     curve = data.curve
     exponent_doubt, supply_doubt = curve.deviation[0] / curve.exponent, curve.deviation[1]
     comparison = compare(spread, data.new, tried, supply_doubt, exponent_doubt)
-    most = most_confident(accused, asked, spread)
+    most = most_confident(spread)
     verdict = judge_change(comparison, most)
     seen: dict[str, float] = {}
     if verdict.verdict == "none":
@@ -128,7 +126,7 @@ def diagnose_change(
     diagnosis = Diagnosis(
         verdict=stated,
         causes=(),
-        set=tuple(dict.fromkeys(_label(c) for c in changed)) if stated == "set" else (),
+        set=tuple(dict.fromkeys(c.label for c in changed)) if stated == "set" else (),
         separating_experiment=None,
         gain=(),
         prechecks=findings,
@@ -137,7 +135,7 @@ def diagnose_change(
         residuals=(),
         confidence=verdict.confidence,
         summary=with_controller(text, controller),
-        notes=notes(spread, mean_of(data.new), accused, asked),
+        notes=notes(spread, mean_of(data.new)),
         model=f"{counted(len(before), 'healthy flight')} of the same vehicle",
         vehicle=airframe.name if airframe is not None else "",
         seconds=clock() - began,
@@ -153,7 +151,10 @@ def _read(
     """Return healthy flights, new flights, their features, and why others are left out."""
     (before, no_use), (after, no_use_either) = _usable(healthy), _usable(new)
     drive = _common_drive([*before, *after])
-    before, after = ([replace(f, drive=drive) for f in flights] for flights in (before, after))
+    before, after = (
+        [f if f.drive == drive else airborne(f.log, (drive,)) for f in flights]
+        for flights in (before, after)
+    )
     curve = fit_drive_curve([drive_samples(f) for f in before], *EXPONENT[drive])
     data = ChangeData(
         curve, tuple(features(f, curve) for f in before), tuple(features(f, curve) for f in after)
@@ -167,10 +168,6 @@ def _controller(new: Sequence[Flight], healthy: Sequence[Flight]) -> ControllerR
     before = controller_report(healthy, None)
     expected = () if before is None else before.gains
     return controller_report(new, None, expected, "that of the healthy flights")
-
-
-def _label(change: Change) -> str:
-    return f"{change.effect}.{change.rotor}" if change.rotor else change.effect
 
 
 def _common_drive(flights: Sequence[AirborneFlight]) -> str:

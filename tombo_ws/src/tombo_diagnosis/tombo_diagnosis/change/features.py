@@ -6,12 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
-from scipy.spatial.transform import Rotation
 
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Flight, Series, why_left_out
@@ -20,8 +18,8 @@ from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.even_flight import turns_at, usable_turns
-from tombo_logs.checks.spans import interpolated, merged, sample_interval
+from tombo_logs.checks.even_flight import EvenFlight, even_times, resample, turns_at, usable_turns
+from tombo_logs.checks.spans import Mask, inside, interpolated, merged, runs, sample_interval
 from tombo_logs.checks.track_smoothing import smooth_track
 
 _SUPPLY_S = 5.0
@@ -32,6 +30,8 @@ _SHORTEST_S = 4.0
 """Of a stretch in the air."""
 _BRIDGED_S = 1.0
 """Length of an excluded span up to which the flight stays in one part: poses that jump, a gap."""
+_FASTEST_HZ = 250.0
+"""Rate of the clock, at most: an hour of flight has a million rows then."""
 _SHAKE_HZ = 10.0
 """Above it no loop follows: the remainder is vibration."""
 _SWING_HZ = (0.35, 1.6)
@@ -44,24 +44,33 @@ _MOVED = 0.1
 
 
 @dataclass(frozen=True)
-class AirborneFlight:
-    """The channels of a flight and the time that it is steadily in the air."""
+class AirborneFlight(EvenFlight):
+    """A flight on an even clock; rows are valid where it is steadily in the air.
+
+    Its channels are drive, position, load_factor (thrust over weight) and velocity (ahead and to
+    the left; without an attitude along map x, y). Where the log has them: pushed (acceleration,
+    measured or estimated) and voltage (its slow part).
+    """
 
     log: Flight
     drive: str
     """One of DRIVES."""
-    spans: tuple[tuple[float, float], ...]
-    """[s]"""
-
-    def segments(self, series: Series) -> list[Series]:
-        """Return the part of a channel in each span."""
-        rows = [(series.t >= b) & (series.t <= e) for b, e in self.spans]
-        return [Series(series.t[r], series.values[r]) for r in rows if np.count_nonzero(r) > 20]
 
     @property
     def used_s(self) -> float:
         """Time in the air [s]."""
-        return sum(e - b for b, e in self.spans)
+        return float(np.count_nonzero(self.valid)) * self.step
+
+    @property
+    def driven(self) -> Mask:
+        """(N,) valid rows in which all rotors are asked to turn."""
+        return np.asarray(self.valid & (self.channels["drive"] > 0.0).all(axis=1))
+
+    def parts(self, name: str) -> list[Array]:
+        """Return a channel in each span of valid rows; none of a channel that is absent."""
+        if name not in self.channels:
+            return []
+        return [self.channels[name][begin:end] for begin, end in runs(self.valid)]
 
 
 @dataclass(frozen=True)
@@ -99,14 +108,16 @@ def mean_of(flights: Sequence[Features]) -> Features:
     return Features.of(np.mean([f.vector for f in flights], axis=0), supply)
 
 
-def airborne(log: Flight) -> AirborneFlight:
-    """Find when a checked flight is steadily in the air.
+def airborne(log: Flight, drives: Sequence[str] = DRIVES) -> AirborneFlight:
+    """Lay a checked flight on an even clock, with the time that it is steadily in the air.
+
+    `drives`: channels that may say what the rotors are asked for, the best first.
 
     Raises:
         InputError: no position, no rotor commands or speeds, or never in the air.
     """
     series = log.series
-    drive = next((d for d in DRIVES if d in series and series[d].t.size > 20), None)
+    drive = next((d for d in drives if d in series and series[d].t.size > 20), None)
     if drive is None or "position" not in series or series["position"].t.size < 20:
         why = why_left_out(log.findings, ("position", *DRIVES))
         raise InputError(
@@ -114,104 +125,108 @@ def airborne(log: Flight) -> AirborneFlight:
             f"what has changed: position, and one of {', '.join(DRIVES)}; or, with an airframe, "
             "thrust_setpoint and torque_setpoint"
         )
-    position = series["position"]
+    position, command = series["position"], series[drive]
     apart = [(b, e) for b, e in merged(log.exclude) if e - b > _BRIDGED_S]
-    low, high = (f(position.t[i], series[drive].t[i]) for f, i in ((max, 0), (min, -1)))
+    low, high = (f(position.t[i], command.t[i]) for f, i in ((max, 0), (min, -1)))
     edges = [low, *(x for span in apart for x in span), high]
     pairs = [(b, e) for b, e in list(pairwise(edges))[::2]]
-    spans = tuple((b + _EDGE_S, e - _EDGE_S) for b, e in pairs if e - b > _SHORTEST_S)
+    spans = [(b + _EDGE_S, e - _EDGE_S) for b, e in pairs if e - b > _SHORTEST_S]
     if not spans:
         raise InputError(
             f"flight '{log.name}' is never in the air for {_SHORTEST_S:g} s; needed to say what "
             "has changed"
         )
-    return AirborneFlight(log, drive, spans)
+    pushed = next((series[n] for n in ("accel", "acceleration") if n in series), None)
+    intervals = [sample_interval(s.t) for s in (command, pushed) if s is not None]
+    step = max(min(intervals), 1.0 / _FASTEST_HZ)
+    t = even_times(spans[0][0], spans[-1][1] + step, 1.0 / step)
+    valid = inside(t, spans)
+    channels = {"drive": _at(command, t), "position": _at(position, t)}
+    channels |= {"load_factor": _load_factor(series, t), "velocity": _velocity(series, t)}
+    if pushed is not None:
+        channels["pushed"] = resample(pushed, t)
+    supply = series.get("voltage")
+    if supply is not None and (supply.values > 0.0).all():
+        channels["voltage"] = _slow(_at(supply, t), valid, step)
+    return AirborneFlight(t, channels, valid, log, drive)
 
 
 def drive_samples(flight: AirborneFlight) -> DriveSamples:
-    """Return commands, load factor and voltage at the times of the commands.
+    """Return commands, load factor and voltage of the valid rows.
 
     Measured speeds give thrust whatever the supply: their voltage is left out.
     """
-    series = flight.log.series
-    command = _joined(flight.segments(series[flight.drive]))
-    keep = (command.values > 0.0).all(axis=1)
-    t, values = command.t[keep], command.values[keep]
-    supply = None if flight.drive == "rotor_speed" else _supply(flight, t)
-    load = _load_factor(series, t)
-    sag = None
-    if supply is not None:
-        raw = series["voltage"]
-        sag = np.log(np.interp(t, raw.t, raw.values[:, 0]) / supply)
-    return DriveSamples(values, load, supply, sample_interval(t), sag)
+    rows, channels = flight.driven, flight.channels
+    supply = sag = None
+    if flight.drive != "rotor_speed" and "voltage" in channels:
+        supply = channels["voltage"][rows, 0]
+        sag = np.log(_at(flight.log.series["voltage"], flight.t[rows])[:, 0] / supply)
+    return DriveSamples(
+        channels["drive"][rows], channels["load_factor"][rows, 0], supply, flight.step, sag
+    )
 
 
 def _load_factor(series: Mapping[str, Series], t: Array) -> Array:
-    """Return thrust over weight at `t`: of the accelerometer, an estimator, or the smoothed track.
+    """Return thrust over weight (N, 1): of the accelerometer, an estimator, or the smoothed track.
 
     Of the latter two it is the part along the body's z; without an attitude their size.
     """
     if "accel" in series:
-        return np.asarray(_at(series["accel"], t)[:, 2] / GRAVITY)
-    if "acceleration" in series:
-        pushed = _at(series["acceleration"], t)
-    else:
-        track = smooth_track(series["position"])
-        pushed = _at(track["acceleration"], t)
-    force = pushed / GRAVITY + np.array([0.0, 0.0, 1.0])
+        return _at(series["accel"], t)[:, 2:] / GRAVITY
+    estimated = series.get("acceleration")
+    pushed = estimated or smooth_track(series["position"])["acceleration"]
+    force = _at(pushed, t) / GRAVITY + np.array([0.0, 0.0, 1.0])
     if "attitude" in series:
-        return np.asarray(_attitude(series["attitude"], t).inv().apply(force)[:, 2])
-    return np.asarray(np.linalg.norm(force, axis=1))
+        turns = turns_at(usable_turns(series["attitude"]), t)
+        return np.asarray(turns.inv().apply(force)[:, 2:])
+    return np.asarray(np.linalg.norm(force, axis=1, keepdims=True))
+
+
+def _velocity(series: Mapping[str, Series], t: Array) -> Array:
+    """Return the velocity (N, 2) over `_SPEED_S`, ahead and to the left [m/s]."""
+    position, half = series["position"], 0.5 * _SPEED_S
+    speed = (_at(position, t + half) - _at(position, t - half))[:, :2] / _SPEED_S
+    if "attitude" not in series:
+        return np.asarray(speed)
+    ahead = turns_at(usable_turns(series["attitude"]), t).apply([1.0, 0.0, 0.0])[:, :2]
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    left = ahead[:, ::-1] * [-1.0, 1.0]
+    return np.column_stack([np.sum(ahead * speed, axis=1), np.sum(left * speed, axis=1)])
 
 
 def _at(series: Series, t: Array) -> Array:
     return interpolated(t, series.t, series.values)
 
 
-def _attitude(series: Series, t: Array) -> Rotation:
-    return turns_at(usable_turns(series), t)
-
-
-def _supply(flight: AirborneFlight, t: Array) -> Array | None:
-    """Return the slow part of the voltage at `t`; None: not measured.
+def _slow(voltage: Array, valid: Mask, step: float) -> Array:
+    """Return the slow part of the voltage (N, 1) in each span of valid rows.
 
     Faster changes follow the current, through the battery's resistance: it says what the rotors
     took, not what they were given.
     """
-    raw = flight.log.series.get("voltage")
-    if raw is None or not (raw.values > 0.0).all():
-        return None
-    voltage = np.zeros(t.size)
-    for begin, end in flight.spans:
-        inside = (raw.t >= begin) & (raw.t <= end)
-        if not inside.any():
-            return None
-        width = max(1, round(_SUPPLY_S / max(sample_interval(raw.t), 1e-3)))
-        slow = uniform_filter1d(raw.values[inside, 0], width, mode="reflect")
-        rows = (t >= begin) & (t <= end)
-        voltage[rows] = np.interp(t[rows], raw.t[inside], slow)
-    return voltage
+    slow = voltage.copy()
+    for begin, end in runs(valid):
+        width = max(1, round(_SUPPLY_S / step))
+        slow[begin:end] = uniform_filter1d(voltage[begin:end], width, axis=0, mode="reflect")
+    return slow
 
 
 def features(flight: AirborneFlight, curve: DriveCurve) -> Features:
     """Return a flight's features, with the drive curve of the healthy flights."""
-    series, samples = flight.log.series, drive_samples(flight)
-    demand = _demand(curve, samples)
-    asked = [
-        Series(s.t, (np.maximum(s.values, 1e-9) ** curve.exponent) @ MODES[1:].T)
-        for s in flight.segments(series[flight.drive])
-    ]
+    samples, series = drive_samples(flight), flight.log.series
     level = float(np.mean(samples.command**curve.exponent))
-    acceleration = next((series[n] for n in ("accel", "acceleration") if n in series), None)
-    shake = [
-        _band(asked, _SHAKE_HZ, 1.0 / level),
-        _band(flight.segments(acceleration), _SHAKE_HZ, 1.0)
-        if acceleration is not None
-        else np.nan,
+    asked = [
+        (np.maximum(part, 1e-9) ** curve.exponent) @ MODES[1:].T / level
+        for part in flight.parts("drive")
     ]
-    track = [Series(s.t, s.values[:, :2]) for s in flight.segments(series["position"])]
+    pushed = series.get("accel") or series.get("acceleration")
+    shake = [
+        _shake(flight, asked, series[flight.drive]),
+        _shake(flight, flight.parts("pushed"), pushed),
+    ]
     supply = float("nan") if samples.voltage is None else float(np.log(samples.voltage).mean())
-    return Features(demand, np.array(shake), _swing(track), _trail(flight, curve), supply)
+    demand, trail = _demand(curve, samples), _trail(flight, curve, samples)
+    return Features(demand, np.array(shake), _swing(flight), trail, supply)
 
 
 def _demand(curve: DriveCurve, samples: DriveSamples) -> Array:
@@ -226,59 +241,39 @@ def _demand(curve: DriveCurve, samples: DriveSamples) -> Array:
     return np.asarray(together + np.median(asked - np.log(thrust)[:, None], axis=0))
 
 
-def _trail(flight: AirborneFlight, curve: DriveCurve) -> Array:
-    series, samples = flight.log.series, drive_samples(flight)
-    command = _joined(flight.segments(series[flight.drive]))
-    t = command.t[(command.values > 0.0).all(axis=1)]
-    position = series["position"]
-    half = 0.5 * _SPEED_S
-    ends = [interpolated(t + d, position.t, position.values[:, :2]) for d in (-half, half)]
-    speed = (ends[1] - ends[0]) / _SPEED_S
-    if "attitude" in series:
-        ahead = _attitude(series["attitude"], t).apply([1.0, 0.0, 0.0])
-        heading = np.arctan2(ahead[:, 1], ahead[:, 0])
-        ahead = np.cos(heading) * speed[:, 0] + np.sin(heading) * speed[:, 1]
-        left = np.cos(heading) * speed[:, 1] - np.sin(heading) * speed[:, 0]
-        speed = np.column_stack([ahead, left])
+def _trail(flight: AirborneFlight, curve: DriveCurve, samples: DriveSamples) -> Array:
+    speed = flight.channels["velocity"][flight.driven]
     yaw = curve.demand(samples.command, samples.voltage) @ MODES[3]
     excited = np.std(speed, axis=0) > _MOVED
     out = np.full(2, np.nan)
-    rows = np.column_stack([np.ones(t.size), speed[:, excited]])
+    rows = np.column_stack([np.ones(yaw.size), speed[:, excited]])
     out[excited] = np.linalg.lstsq(rows, yaw, rcond=None)[0][1:]
     return out
 
 
-def _swing(track: Sequence[Series]) -> float:
+def _swing(flight: AirborneFlight) -> float:
     """Return the logarithm of the horizontal acceleration in the band of pendulums."""
-    long = [s for s in track if s.t[-1] - s.t[0] >= _SHORTEST_S - 1.5]
-    parts = [
-        np.gradient(np.gradient(x, step, axis=0), step, axis=0)
-        for x, step in _filtered(long, 2, _SWING_HZ, "band", 1.2 * _SWING_HZ[1])
-    ]
-    return _log_rms(parts)
+    step = flight.step
+    if not _shows(flight.log.series["position"], 1.2 * _SWING_HZ[1]):
+        return float("nan")
+    long = [x[:, :2] for x in flight.parts("position") if len(x) * step >= _SHORTEST_S - 1.5]
+    sos = butter(2, _SWING_HZ, "band", fs=1.0 / step, output="sos")
+    swings = [sosfiltfilt(sos, x, axis=0) for x in long]
+    return _log_rms([np.gradient(np.gradient(x, step, axis=0), step, axis=0) for x in swings])
 
 
-def _band(parts: Sequence[Series], low: float, factor: float) -> float:
-    """Return the logarithm of the standard deviation above a frequency [Hz], times a factor."""
-    return _log_rms([factor * x for x, _ in _filtered(parts, 4, low, "high", 2.0 * low)])
+def _shake(flight: AirborneFlight, parts: Sequence[Array], source: Series | None) -> float:
+    """Return the logarithm of the standard deviation of parts of a channel above `_SHAKE_HZ`."""
+    if source is None or not _shows(source, 2.0 * _SHAKE_HZ):
+        return float("nan")
+    sos = butter(4, _SHAKE_HZ, "high", fs=1.0 / flight.step, output="sos")
+    return _log_rms([sosfiltfilt(sos, x, axis=0) for x in parts])
 
 
-def _filtered(
-    parts: Sequence[Series], order: int, band: Any, kind: str, least: float
-) -> list[tuple[Array, float]]:
-    """Return channels at even times behind a Butterworth filter, each with its step [s].
-
-    Those that are too slow to show a frequency of `least` [Hz] are left out.
-    """
-    out = []
-    for s in parts:
-        step = sample_interval(s.t)
-        if step <= 0.0 or 0.5 / step < least:
-            continue
-        even = interpolated(np.arange(s.t[0], s.t[-1], step), s.t, s.values)
-        sos = butter(order, band, kind, fs=1.0 / step, output="sos")
-        out.append((sosfiltfilt(sos, even, axis=0), step))
-    return out
+def _shows(series: Series, frequency: float) -> bool:
+    """Return whether a channel is fast enough to show a frequency [Hz]."""
+    step = sample_interval(series.t)
+    return step > 0.0 and 0.5 / step >= frequency
 
 
 def _log_rms(parts: Sequence[Array]) -> float:
@@ -287,7 +282,3 @@ def _log_rms(parts: Sequence[Array]) -> float:
         return float("nan")
     every = np.vstack(parts)
     return float(np.log(np.sqrt(np.mean(np.sum(every**2, axis=1))) + _FLOOR))
-
-
-def _joined(parts: Sequence[Series]) -> Series:
-    return Series(np.concatenate([s.t for s in parts]), np.vstack([s.values for s in parts]))

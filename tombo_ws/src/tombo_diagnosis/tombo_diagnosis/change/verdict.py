@@ -47,17 +47,14 @@ vehicle 1 of 12; by a single one, the share of vehicles, by Laplace's rule: one 
 Crazyflies, in 5 of its 12 pairs (of the three others in none of 26)."""
 
 
-def most_confident(accused: int, asked: int, spread: Spread) -> float:
+def most_confident(spread: Spread) -> float:
     """Return the share of healthy sessions that are not called changed, a bound of confidence.
 
-    Args:
-        accused: of `asked` healthy sessions, the number that the others call changed.
-        asked: sessions; flights, if all are of one.
-        spread: of the healthy flights. A single session says nothing of a further one.
+    A single session says nothing of a further one.
     """
     if spread.days_unknown:
         return succession(0, 0, _ACCUSED_OF_ONE)
-    return succession(asked, accused, _ACCUSED_OF_MANY)
+    return succession(spread.left_out, spread.accused, _ACCUSED_OF_MANY)
 
 
 def judge_change(comparison: HealthyComparison, most: float) -> ChangeVerdict:
@@ -185,17 +182,18 @@ def _would_show(seen: Mapping[str, float]) -> str:
     return f"These flights would have shown {listed(shown)}; what is smaller is not seen here."
 
 
-def notes(spread: Spread, new: Features, accused: int, asked: int) -> tuple[str, ...]:
-    """Return the claims that can't be certified; `accused` of `asked` as for `judge_change`."""
+def notes(spread: Spread, new: Features) -> tuple[str, ...]:
+    """Return the claims that can't be certified."""
     among = (
         "All healthy flights are of one session: how much sessions differ is as of other vehicles"
         if spread.sessions == 1
         else f"The healthy flights are of {counted(spread.sessions, 'session')}"
     )
-    if asked:
+    if spread.left_out:
         among += (
-            f"; left out in turn, {accused} of {asked} are called changed. A rate of false alarms "
-            f"below {percent(1.0 / (asked + 1.0))} can't be certified by them"
+            f"; left out in turn, {spread.accused} of {spread.left_out} are called changed. "
+            f"A rate of false alarms below {percent(1.0 / (spread.left_out + 1.0))} can't be "
+            "certified by them"
         )
     lines = [
         f"{among}. Fly healthy flights on more days.",

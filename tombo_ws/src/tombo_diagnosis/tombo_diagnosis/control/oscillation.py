@@ -17,8 +17,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.spans import Mask
 
-_BAND_HZ: Final = (0.9, 20.0)
-_LEAST: Final = 0.8
+SWING_HZ: Final = (0.9, 20.0)
+SWING_RAD_S: Final = 0.8
 """rad/s: standard deviation of rates in the band from which on it is an oscillation."""
 BEYOND: Final = 2.0
 """Least ratio of rates in the band to the rates that the course needs, about both axes together: a
@@ -65,7 +65,7 @@ def oscillation(s: ControlSignals) -> Oscillation | None:
     strongest: Oscillation | None = None
     for k, axis in enumerate(("roll", "pitch")):
         hertz, size = turned[k]
-        if size < max(_LEAST, 0.0 if strongest is None else strongest.size):
+        if size < max(SWING_RAD_S, 0.0 if strongest is None else strongest.size):
             continue
         strongest = Oscillation(axis, hertz, size, _loop(s, k, hertz), _begin(s, k))
     return strongest
@@ -75,7 +75,7 @@ def _peak(values: Array, step: float) -> tuple[float, float]:
     """Return the frequency [Hz] with most power in the band, and the standard deviation there."""
     length = int(min(len(values), _WINDOW_S / step))
     hertz, power = welch(values, 1.0 / step, nperseg=length)
-    band = (hertz > _BAND_HZ[0]) & (hertz < _BAND_HZ[1])
+    band = (hertz > SWING_HZ[0]) & (hertz < SWING_HZ[1])
     if not band.any():
         return 0.0, 0.0
     return float(hertz[band][np.argmax(power[band])]), float(
@@ -166,8 +166,8 @@ def _asks_attitude(s: ControlSignals) -> bool:
 
 def _begin(s: ControlSignals, k: int) -> float:
     """Return when the swing first has its size [s]."""
-    sos = butter(2, _BAND_HZ[0], "high", fs=1.0 / s.step, output="sos")
+    sos = butter(2, SWING_HZ[0], "high", fs=1.0 / s.step, output="sos")
     fast = sosfiltfilt(sos, np.nan_to_num(s.gyro[:, k]))
     size = np.sqrt(np.maximum(uniform_filter1d(fast**2, max(round(0.5 / s.step), 1)), 0.0))
-    rows = np.flatnonzero((size > _LEAST) & s.valid)
+    rows = np.flatnonzero((size > SWING_RAD_S) & s.valid)
     return float(s.t[rows[0]]) if rows.size else float(s.t[np.argmax(s.valid)])

@@ -46,7 +46,7 @@ _LINE_S: Final = 0.3
 """Straight lines of them that are longer were drawn through a gap."""
 _JITTER: Final = 0.3
 """Of stamps, over their step, from which on they make jumps of their own."""
-_UPSET: Final = np.radians(60.0)
+UPSET_TILT_RAD: Final = np.radians(60.0)
 _SETTLED_S: Final = 0.5
 """After lift-off, or after the log's start."""
 _SHORTEST_S: Final = 0.9
@@ -144,7 +144,7 @@ def crash_motion(log: Flight) -> CrashMotion:
         force[~seen] = np.nan
     rows = np.flatnonzero(flying)
     first, last = int(rows[0]), int(rows[-1])
-    upset = np.flatnonzero(np.nan_to_num(tilt) > _UPSET)
+    upset = np.flatnonzero(np.nan_to_num(tilt) > UPSET_TILT_RAD)
     last = min(last, int(upset[0])) if upset.size and upset[0] > first + RATE else last
     row = np.arange(t.size)
     settled = min(first + round(_SETTLED_S * RATE), (first + last) // 4)

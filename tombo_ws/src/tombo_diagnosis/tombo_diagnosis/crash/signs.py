@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
-from tombo_diagnosis.control.oscillation import BEYOND
-from tombo_diagnosis.crash.motion import RATE, CrashMotion
+from tombo_diagnosis.control.oscillation import BEYOND, SWING_HZ, SWING_RAD_S
+from tombo_diagnosis.crash.motion import RATE, UPSET_TILT_RAD, CrashMotion
 from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
@@ -67,11 +67,8 @@ _RISE_M: Final = 0.004
 """m by which it comes down to that height, and leaves it again."""
 _FREE_S: Final = 1.0
 """Time before without the ground, and the longest stay on it: longer is a landing."""
-_SWING_HZ: Final = (0.9, 20.0)
-_SWING: Final = 0.8
-"""rad/s: standard deviation of rates that swing, at least."""
 _SWING_ASKED: Final = 0.3
-"""The same of commands, over hover's thrust."""
+"""Standard deviation of commands that swing, over hover's thrust, at least."""
 _GROWS: Final = 4.0
 """Times its usual size."""
 _CYCLES: Final = 2
@@ -83,7 +80,6 @@ _POSITION_JUMP_M: Final = 0.25
 """m between two poses beyond what the velocity gives."""
 _SAG: Final = 0.04
 """Share of the voltage below the line that it followed."""
-_UPSET_TILT_RAD: Final = np.radians(60.0)
 _THRUST_DROP: Final = 0.12
 """Share of thrust that all rotors lack."""
 _COMMAND_STEP_RATIO: Final = 6.0
@@ -222,7 +218,7 @@ def _rotor_lost(m: CrashMotion) -> Iterator[Sign]:
     lost = against & both & helps & lacks & (push > max(_MOMENT, 1.5 * weak))
     lost &= size > max(_TURN_RATE_RAD_S, 2.0 * usual)
     lost |= _compensated(m, towards) & lacks
-    lost &= (np.nan_to_num(m.tilt) < _UPSET_TILT_RAD) & ~_turned_by_push(m, width)
+    lost &= (np.nan_to_num(m.tilt) < UPSET_TILT_RAD) & ~_turned_by_push(m, width)
     for begin, end in runs(lost & m.flying):
         if end - begin < _OFF_S * RATE or np.ptp(towards[begin:end]) > 0:
             continue
@@ -399,10 +395,10 @@ def _swings(m: CrashMotion) -> Iterator[Sign]:
         [tilting > BEYOND * tilted] * 2 + [turned[:, 2] > BEYOND * asked[:, 2]]
     )
     # a heading that is not in the log may be asked for; it does not tilt the vehicle
-    beyond[:, 2] &= np.isfinite(m.course[:, 2]) | (tilting > _SWING)
+    beyond[:, 2] &= np.isfinite(m.course[:, 2]) | (tilting > SWING_RAD_S)
     swing *= beyond
     if rates.any():
-        yield from _swinging(m, "the body's rate", swing, _SWING)
+        yield from _swinging(m, "the body's rate", swing, SWING_RAD_S)
         # a moment that the course needs turns the vehicle as the course does
         demand *= beyond
     if demand.any():
@@ -411,7 +407,7 @@ def _swings(m: CrashMotion) -> Iterator[Sign]:
 
 def _fast(values: Array) -> Array:
     """Return what swings of values (N, k); before a blow, where the filter rings, nothing does."""
-    sos = butter(2, _SWING_HZ, "band", fs=RATE, output="sos")
+    sos = butter(2, SWING_HZ, "band", fs=RATE, output="sos")
     most = np.abs(values - np.median(values, axis=0))
     return np.asarray(np.clip(sosfiltfilt(sos, values, axis=0), -most, most))
 
@@ -428,7 +424,7 @@ def _swinging(m: CrashMotion, name: str, fast: Array, least: float) -> Iterator[
     for axis in range(3):
         usual = float(np.nanmedian(size[m.learnt, axis]))
         limit = max(least, min(_GROWS * usual, 1.25 * least))
-        free = m.flying & (np.nan_to_num(m.tilt) < _UPSET_TILT_RAD)
+        free = m.flying & (np.nan_to_num(m.tilt) < UPSET_TILT_RAD)
         spans = [(b, e, _CYCLES) for b, e in runs((size[:, axis] > limit) & free)]
         # from the start, and so usual: then longer
         spans += [(b, e, 2 * _CYCLES) for b, e in runs((size[:, axis] > least) & free)]
@@ -542,7 +538,7 @@ def _command_leaps(m: CrashMotion) -> Iterator[Sign]:
 
 
 def _upsets(m: CrashMotion) -> Iterator[Sign]:
-    row = _first(m, np.nan_to_num(m.tilt) > _UPSET_TILT_RAD, 0.02)
+    row = _first(m, np.nan_to_num(m.tilt) > UPSET_TILT_RAD, 0.02)
     if row is not None:
         fast = np.linalg.norm(np.nan_to_num(m.rates), axis=1)
         usual = 3.0 * float(np.percentile(fast[m.learnt], 99.0))
@@ -552,7 +548,7 @@ def _upsets(m: CrashMotion) -> Iterator[Sign]:
         if turns < row:
             yield Sign(float(m.t[turns]), "turns", "it begins to turn faster than it did")
         yield Sign(
-            float(m.t[row]), "upset", f"it leans by more than {np.degrees(_UPSET_TILT_RAD):.0f}°"
+            float(m.t[row]), "upset", f"it leans by more than {np.degrees(UPSET_TILT_RAD):.0f}°"
         )
 
 

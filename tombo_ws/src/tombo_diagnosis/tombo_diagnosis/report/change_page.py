@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from tombo_diagnosis.change.diagnose import ChangeData
 from tombo_diagnosis.change.features import Features
 from tombo_diagnosis.change.verdict import headline, phrase
-from tombo_diagnosis.diagnosis import Change, Diagnosis, diagnosis_mapping
+from tombo_diagnosis.diagnosis import Diagnosis, diagnosis_mapping
 from tombo_diagnosis.report.controller_items import controller_items
 from tombo_diagnosis.report.page import (
     candidate_items,
@@ -34,7 +34,7 @@ def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
     """Return the page of a comparison; a fault of a log leads it: it may be all that changed."""
     faulty = sorted({f.flight for f in diagnosis.prechecks if f.severity == "fault"})
     logs = [Section("The logs", check_items(diagnosis.prechecks, "flight"))]
-    title = headline(diagnosis.verdict, tuple(map(_label, diagnosis.changed)))
+    title = headline(diagnosis.verdict, tuple(c.label for c in diagnosis.changed))
     if faulty:
         where = f"the log {faulty[0]}" if len(faulty) == 1 else counted(len(faulty), "log")
         title = f"Fault in {where}; {title[:1].lower()}{title[1:]}"
@@ -42,7 +42,7 @@ def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
         "Each dot is a flight, each bar the mean. Demand: thrust that the healthy drive curve "
         "reads from the commands, against a quarter of the weight"
     )
-    possible = [(phrase(_label(c)), c.confidence, c.theta) for c in diagnosis.changed]
+    possible = [(phrase(c.label), c.confidence, c.theta) for c in diagnosis.changed]
     picture = Picture(partial(draw_change, data), caption, "Healthy and new flights")
     return Page(
         title=f"What has changed: {title}",
@@ -65,11 +65,6 @@ def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
         footer=f"Held against: {diagnosis.model}. Intervals are 95 %. Diagnosed in "
         f"{figure(diagnosis.seconds, 2)} s after loading. The same in diagnosis.json.",
     )
-
-
-def _label(change: Change) -> str:
-    """Return effect and rotor, as in `set`."""
-    return f"{change.effect}.{change.rotor}" if change.rotor else change.effect
 
 
 def draw_change(data: ChangeData) -> Figure:

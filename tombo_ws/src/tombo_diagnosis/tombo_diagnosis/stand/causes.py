@@ -20,10 +20,11 @@ from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.stand.analyse import StandAnalysis
 from tombo_diagnosis.stand.problem import PROPELLER, SHARE, SPEED, StandProblem
-from tombo_diagnosis.stand.tables.operating_points import UNITS, Mask
+from tombo_diagnosis.stand.tables.operating_points import UNITS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
 from tombo_flight.extended_model import FittedParameter, Gain
+from tombo_logs.checks.spans import Mask
 
 
 def estimated_parameters(

@@ -6,12 +6,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, Setup
-
-Mask = NDArray[np.bool_]
+from tombo_logs.checks.spans import Mask
 
 UNITS = dict(zip(CHANNELS, ("N", "N m", "rad", "rad/s"), strict=True))
 
