@@ -89,7 +89,7 @@ def test_with_the_proof_of_another_body_it_lands_near_where_it_took_off(tmp_path
 @pytest.mark.slow
 def test_the_simulated_px4_flies_away_with_wrong_axes_where_nobody_watches(tmp_path, monkeypatch):
     """As a real one does: else the flights above would show nothing."""
-    monkeypatch.setattr(PoseMotionWatch, "judge", lambda watch: None)
+    monkeypatch.setattr(PoseMotionWatch, "compare", lambda watch: None)
     monkeypatch.setattr(PoseMotionWatch, "drifts", lambda watch, now_ns, away_m: None)
     row = fly_wrong_axes(Px4Setup(None, tmp_path / "px4"), "body yawed by 180 deg, old proof")
     assert row["armed"] and row["away_m"] > 2.0 and not row["landed"]

@@ -139,6 +139,11 @@ def both(mangle):
     return {"as_mocap": mangle, "as_px4": mangle}
 
 
+def two_bodies():
+    turns = itertools.cycle([0.0, 1.5])
+    return {"as_mocap": lambda p, q: (p + np.array([next(turns), 0.0, 0.0]), q)}
+
+
 def rotated(axis, angle):
     return lambda place, q: (place, quaternion_multiply(q, spin(axis, angle)))
 
@@ -174,6 +179,9 @@ def parameters(**values):
         (both(rotated("x", math.pi)), "mocap_up", "tilted by 180 deg"),
         ({"as_mocap": rotated("y", 0.35)}, "mocap_up", "tilted by 20 deg"),
         (follows(1.25, 2.0, 0.18), "position_differs", "0.25 m away"),
+        ({"noise": 0.05}, "pose_moves", "another body is tracked"),
+        (both(lambda p, q: (1e3 * p, q)) | {"noise": 0.3}, "pose_moves", "in millimetres"),
+        (two_bodies(), "pose_bodies", "take turns in one topic, 1.50 m apart"),
     ],
 )
 def test_a_fault_that_forbids_to_arm_is_named(lab, change, key, words):
@@ -192,6 +200,7 @@ def test_a_fault_that_forbids_to_arm_is_named(lab, change, key, words):
         (parameters(EKF2_GPS_CTRL=7), "mocap_parameters", "EKF2_GPS_CTRL is 7, set it to 0"),
         (parameters(EKF2_RNG_CTRL=1), "mocap_parameters", "range finder"),
         (parameters(EKF2_MAG_TYPE=0), "mocap_parameters", "magnetometer"),
+        (parameters(EKF2_EV_DELAY=175.0), "mocap_parameters", "is 175, set it to 0"),
     ],
 )
 def test_a_fault_that_may_be_flown_with_is_a_warning(lab, change, key, words):
@@ -225,23 +234,6 @@ def test_a_frozen_pose(lab):
     assert "frozen: not one bit has changed" in lab.warning("pose_frozen")
     lab.flying = True
     assert "pose_frozen" not in lab.finding_keys(), "in flight the bridge does not send it"
-
-
-def test_poses_of_a_vehicle_that_stands_must_stand(lab):
-    lab.noise = 0.05
-    assert "another body is tracked" in lab.text("pose_moves")
-
-
-def test_poses_of_two_bodies_in_one_topic_forbid_arming(lab):
-    turns = itertools.cycle([0.0, 1.5])
-    lab.as_mocap = lambda p, q: (p + np.array([next(turns), 0.0, 0.0]), q)
-    assert "take turns in one topic, 1.50 m apart" in lab.text("pose_bodies")
-
-
-def test_millimetres_are_named(lab):
-    lab.as_mocap = lab.as_px4 = lambda p, q: (1e3 * p, q)
-    lab.noise *= 1e3
-    assert "in millimetres" in lab.text("pose_moves")
 
 
 @pytest.mark.parametrize("sure", [True, False])
@@ -281,11 +273,6 @@ def test_refused_poses_are_named_for_as_long_as_they_come(lab, why, age, words):
     assert words in finding.text
     made.refused_pose(why, NOW - 3 * SECOND, age)
     assert lab.findings(made) == []
-
-
-def test_long_delays_are_reported(lab):
-    lab.values["EKF2_EV_DELAY"] = 175.0
-    assert "EKF2_EV_DELAY is 175, set it to 0" in lab.warning("mocap_parameters")
 
 
 # --- axes --------------------------------------------------------------------------------------

@@ -63,7 +63,8 @@ _IN_FLIGHT = 5.0
 """Factor on the largest difference of PX4's position in flight."""
 _ODOMETRY_SILENT_NS = 500_000_000
 _ESTIMATOR_SILENT_NS = 5 * SECOND_NS
-_PAIR_NS = 50_000_000
+_GAP_NS = 100_000_000
+"""Between two poses further apart no pose is interpolated."""
 _DELAY_OFF_MS = 20.0
 _OTHER_BODY_RAD = 0.035
 """The tilt of a body at rest against gravity tells it from another definition of it: 2 deg."""
@@ -263,20 +264,20 @@ class Preflight:
             return None
         stamps = np.array([p.stamp_ns for p in self.poses])
         seen = np.array([o.stamp_ns for o in lately])
-        right = np.clip(np.searchsorted(stamps, seen), 1, len(stamps) - 1)
-        nearest = right - (seen - stamps[right - 1] < stamps[right] - seen)
-        away = stamps[nearest] - seen
-        near = np.abs(away) <= _PAIR_NS
-        if near.sum() < _LEAST_SAMPLES:
+        after = np.clip(np.searchsorted(stamps, seen), 1, len(stamps) - 1)
+        inside = (stamps[0] <= seen) & (seen <= stamps[-1])
+        use = inside & (stamps[after] - stamps[after - 1] <= _GAP_NS)
+        if use.sum() < _LEAST_SAMPLES:
             return None
-        nearest, away = nearest[near], away[near]
-        theirs = np.array([o.position for o in lately])[near]
-        theirs += 1e-9 * away[:, None] * np.array([o.velocity for o in lately])[near]
-        ours = np.array([p.position for p in self.poses])[nearest]
-        yaw = yaw_pitch_roll(np.array([o.attitude for o in lately])[near])[:, 0]
-        our_yaw = yaw_pitch_roll(np.array([p.attitude for p in self.poses])[nearest])[:, 0]
-        turn = float(np.angle(np.exp(1j * (our_yaw - yaw)).sum()))
-        return np.median(ours, axis=0), np.median(theirs, axis=0), turn
+        seen = seen[use]
+        our_yaw = np.unwrap(yaw_pitch_roll(np.array([p.attitude for p in self.poses]))[:, 0])
+        columns = [*np.array([p.position for p in self.poses]).T, our_yaw]
+        x, y, z, yaw = (np.interp(seen, stamps, column) for column in columns)
+        theirs = np.array([o.position for o in lately])[use]
+        their_yaw = yaw_pitch_roll(np.array([o.attitude for o in lately])[use])[:, 0]
+        turn = float(np.angle(np.exp(1j * (yaw - their_yaw)).sum()))
+        ours = np.median(np.stack([x, y, z], axis=1), axis=0)
+        return ours, np.median(theirs, axis=0), turn
 
     # --- The proof of the axes --------------------------------------------------------------
 
