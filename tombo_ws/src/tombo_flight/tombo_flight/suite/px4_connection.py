@@ -14,6 +14,7 @@ from tombo_dynamics.params import from_mapping
 from tombo_flight.scenario import override
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
+from tombo_px4.bridge.link_health import link_faults
 from tombo_px4.bridge.vehicle_parameters import SETS, parse_assignments
 from tombo_px4.link.mavlink_link import Link, parse_url, read_key
 from tombo_px4.link.vehicle_link import PATIENCE_S, VehicleLink
@@ -257,22 +258,8 @@ def _parse_heartbeat(heartbeat: Any) -> Vehicle:
 
 def _no_vehicle_text(link: Link, params: LinkParams, patience_s: float) -> str:
     """Return in one line why the vehicle is missing."""
-    wanted = f"system {params.system}, component {params.component}"
-    if link.mav.rejected_sender is not None:
-        system, component = link.mav.rejected_sender
-        return (
-            f"link '{params.url}': no heartbeat of {wanted} within {patience_s:g} s, but of "
-            f"{system}/{component}; accepted: the vehicle's own ids, as in --bridge "
-            f"link.system={system} --bridge link.component={component}"
-        )
-    refused = {
-        key: count
-        for key, count in link.counters.items()
-        if count and key not in ("received", "sent", "no_peer")
-    }
-    more = ", ".join(f"{key} {count}" for key, count in refused.items())
-    shown = f" (refused: {more})" if more else ""
+    heard = "; ".join(link_faults(link, params, linked=False).values())
     return (
-        f"link '{params.url}': no heartbeat within {patience_s:g} s{shown}; accepted: a link on "
-        "which a PX4 speaks MAVLink 2"
+        f"link '{params.url}': no heartbeat within {patience_s:g} s{heard and f' ({heard})'};"
+        " accepted: a link on which a PX4 speaks MAVLink 2"
     )

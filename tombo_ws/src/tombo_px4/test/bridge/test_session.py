@@ -669,78 +669,30 @@ def test_a_descent_by_thrust_that_does_not_end_becomes_px4s_landing():
 # --- services in every state ---------------------------------------------------------------------
 
 
-def on_ground(flight):
-    flight.run(2.5)
-
-
-def blocked(flight):
-    flight.blockers = ("axes are not proven",)
-    flight.run(2.5)
-
-
-def armed_on_ground(flight):
-    flight.run(2.5)
-    assert flight.ask("arm").success
-
-
-def flies(flight):
-    flight.take_off()
-
-
-def holds(flight):
-    flight.take_off()
-    assert flight.ask("hold").success
-
-
-def lands(flight):
-    flight.take_off()
-    assert flight.ask("land").success
-
-
-def stands_after_landing(flight):
-    lands(flight)
-    flight.vehicle.landed = MavLandedState.ON_GROUND
-    flight.run(0.5)
-
-
-def lost(flight):
-    flight.take_off()
-    flight.must_land = "no mocap pose for 1.0 s"
-    flight.until(SessionStage.LANDING)
-
-
-def pilot(flight):
-    flight.take_off()
-    flight.vehicle.mode = POSCTL
-    flight.run(2.0)
-
-
-def killed(flight):
-    flight.take_off()
-    assert flight.ask("kill").success
-
-
-def no_link(flight):
-    flight.take_off()
-    flight.vehicle.silent = True
-    flight.run(3.0)
-
-
-STATES = (
-    *(on_ground, blocked, armed_on_ground, flies, holds, lands, stands_after_landing, lost),
-    *(pilot, killed, no_link),
-)
+STATES = {
+    # state: takes off, asked service, then changes of the flight and of the vehicle, and [s]
+    "ground": (False, "", {}, {}, 0.0),
+    "blocked": (False, "", {"blockers": ("axes are not proven",)}, {}, 1.0),
+    "armed": (False, "arm", {}, {}, 0.0),
+    "flies": (True, "", {}, {}, 0.0),
+    "holds": (True, "hold", {}, {}, 0.0),
+    "lands": (True, "land", {}, {}, 0.0),
+    "landed": (True, "land", {}, {"landed": MavLandedState.ON_GROUND}, 0.5),
+    "lost": (True, "", {"must_land": "no mocap pose for 1.0 s"}, {}, 0.1),
+    "pilot": (True, "", {}, {"mode": POSCTL}, 2.0),
+    "killed": (True, "kill", {}, {}, 0.0),
+    "no link": (True, "", {}, {"silent": True}, 3.0),
+}
 ANSWERS = {
     # service: states in which it is obeyed; in all others it is refused with a reason
-    "arm": {on_ground, armed_on_ground, flies, holds, lands, stands_after_landing, lost, pilot,
-            killed},
-    "disarm": set(STATES) - {no_link},
-    "takeoff": {on_ground, killed},
-    "land": {armed_on_ground, flies, holds, lands, stands_after_landing, lost, pilot},
-    "hold": {flies, holds, lands, pilot},
-    "offboard": {on_ground, blocked, armed_on_ground, flies, holds, lands, stands_after_landing,
-                 pilot, killed},
-    "kill": set(STATES) - {no_link},
+    "arm": {"ground", "armed", "flies", "holds", "lands", "landed", "lost", "pilot", "killed"},
+    "disarm": set(STATES) - {"no link"},
+    "takeoff": {"ground", "killed"},
+    "land": {"armed", "flies", "holds", "lands", "landed", "lost", "pilot"},
+    "hold": {"flies", "holds", "lands", "pilot"},
+    "offboard": {"ground", "blocked", "armed", "flies", "holds", "lands", "landed", "pilot",
+                 "killed"},
+    "kill": set(STATES) - {"no link"},
 }  # fmt: skip
 """PX4 itself decides on a disarming in the air."""
 SHOWS = {
@@ -757,15 +709,20 @@ SHOWS = {
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("service", ANSWERS)
 def test_a_service_is_obeyed_or_refused_with_a_reason_in_every_state(service, state):
+    takes_off, asked, changes, of_vehicle, seconds = STATES[state]
     flight = Flight()
-    state(flight)
+    flight.take_off() if takes_off else flight.run(2.5)
+    assert not asked or flight.ask(asked).success
+    vars(flight).update(changes)
+    vars(flight.vehicle).update(of_vehicle)
+    flight.run(seconds)
     flight.replies.clear()
     reply = flight.ask(service)
     assert reply.success == (state in ANSWERS[service]), reply.text
     assert reply.text
     if reply.success:
         assert SHOWS[service](flight.vehicle)
-    elif state is blocked and service in ("arm", "takeoff"):
+    elif state == "blocked" and service in ("arm", "takeoff"):
         assert reply.text == flight.blockers[0] and not flight.vehicle.received
 
 

@@ -112,12 +112,12 @@ def link_faults(link: Link, params: LinkParams, linked: bool) -> dict[str, str]:
         if system != params.system:
             faults["wrong_system"] = (
                 f"system {system} speaks here, waiting for {params.system}: set "
-                "link.system, or the vehicle's MAV_SYS_ID"
+                f"link.system={system}, or the vehicle's MAV_SYS_ID"
             )
         else:
             faults["wrong_component"] = (
                 f"component {component} of system {system} speaks here, "
-                f"waiting for {params.component}: set link.component"
+                f"waiting for {params.component}: set link.component={component}"
             )
     for key, text in _UNSIGNED.items():
         if counters[key]:
