@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from pymavlink.dialects.v20 import common as mav
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from tombo_bag.topics import MOCAP_POSE
 from tombo_benchmarks.px4.first_flight import KILL_CHANNEL, rehearse, table
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.messages import MessageTarget, fail_battery, override_channels
+from tombo_px4.link.messages import MessageTarget, fail_battery, is_armed, override_channels
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 _FLIES_M = 0.28
@@ -83,7 +82,7 @@ class LabDriver:
                 self._out.publish(self._spoilt(message))
             for message in (received.message for received in self._remote.receive()):
                 if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == self._system:
-                    self.armed |= bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+                    self.armed |= is_armed(message)
             if time.monotonic() - sent_s > _RC_S:
                 sent_s = time.monotonic()
                 self._speak()

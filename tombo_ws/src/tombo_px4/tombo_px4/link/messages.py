@@ -411,7 +411,7 @@ class MessageDecoder:
             return None
         if m.autopilot != mav.MAV_AUTOPILOT_PX4:
             raise RefusedMessage("not_px4")
-        armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+        armed = is_armed(m)
         failsafe = armed and m.system_status in _FAILSAFE
         return Heartbeat(arrival_ns, armed, mode_of(m.custom_mode), failsafe, is_killed(m))
 
@@ -513,6 +513,11 @@ def _bounded(limit: float, *values: float) -> Array:
     if np.abs(array).max() > limit:
         raise RefusedMessage("range")
     return array
+
+
+def is_armed(heartbeat: Any) -> bool:
+    """Return whether a HEARTBEAT reports an armed vehicle."""
+    return bool(heartbeat.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
 
 
 def is_killed(heartbeat: Any) -> bool:
