@@ -30,7 +30,7 @@ _GROUND_PORT: Final = 18570
 _VOLUME = {"x_min": -2.0, "x_max": 2.0, "y_min": -1.5, "y_max": 1.5, "z_max": 2.5, "margin": 0.3}
 _FENCE = {"GF_ACTION": 5, "GF_MAX_HOR_DIST": 4.0, "GF_MAX_VER_DIST": 3.0}
 _REMOTE = {"COM_RC_IN_MODE": 3, "RC_CHAN_CNT": 18, "RC_MAP_ROLL": 1, "RC_MAP_PITCH": 2,
-           "RC_MAP_THROTTLE": 3, "RC_MAP_YAW": 4, "SYS_FAILURE_EN": 1}  # fmt: skip
+           "RC_MAP_THROTTLE": 3, "RC_MAP_YAW": 4}  # fmt: skip
 _TURNED = ["front_right ccw", "rear_left ccw", "front_left cw", "rear_right cw"]
 _ASKED = ("mocap", "kill_switch", "axes", "propellers", "hover", "kill", "obstacle")
 FAULTS: Final = {
@@ -100,7 +100,11 @@ def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops
     answers = {**dict.fromkeys(_ASKED, "yes"), "rotors": ["yes", *turned]}
     (folder / "lab.yaml").write_text(yaml_of(lab), encoding="utf-8")
     (folder / "answers.yaml").write_text(yaml_of(answers), encoding="utf-8")
-    parameters = {**_FENCE, "RC_MAP_KILL_SW": 0 if fault == "no kill switch" else KILL_CHANNEL}
+    parameters = {
+        **_FENCE,
+        "SYS_FAILURE_EN": 1,
+        "RC_MAP_KILL_SW": 0 if fault == "no kill switch" else KILL_CHANNEL,
+    }
     if fault == "old parameters":
         parameters["COM_OBL_RC_ACT"] = 0
     environment = node_environment(os.environ, folder / "ros", None)

@@ -105,6 +105,17 @@ def test_a_position_that_is_not_known_is_not_told():
         assert not kinds & {"LOCAL_POSITION_NED", "ODOMETRY", "GLOBAL_POSITION_INT"}
 
 
+@pytest.mark.parametrize(("enabled", "answer", "left"), [(1, ACCEPTED, 0), (0, DENIED, 100)])
+def test_a_battery_fails_where_failures_are_enabled(enabled, answer, left):
+    with bench(SYS_FAILURE_EN=enabled) as b:
+        inject = mavlink.MAV_CMD_INJECT_FAILURE
+        battery = float(mavlink.FAILURE_UNIT_SYSTEM_BATTERY)
+        assert b.acks(inject, battery, float(mavlink.FAILURE_TYPE_OFF)) == [answer]
+        assert b.acks(inject, battery, float(mavlink.FAILURE_TYPE_STUCK)) == [UNSUPPORTED]
+        b.run(0.5)
+        assert b.wait("SYS_STATUS").battery_remaining == left
+
+
 def test_intervals_are_set(b):
     assert b.acks(SET_INTERVAL, 331.0, 10_000.0) == [ACCEPTED]
     stamps = [m.time_usec for m in of(b.run(1.0), "ODOMETRY")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
@@ -64,6 +65,10 @@ class BatteryMeter:
         self._voltage = voltage
         self._parameters = parameters
         self._used_mah = 0.0
+
+    def empty(self) -> None:
+        """Let nothing be left."""
+        self._used_mah = math.inf
 
     def draw(self, plant: Plant, seconds: float) -> BatteryCharge:
         """Count what the plant has drawn; without a battery in it, from power and voltage."""

@@ -55,6 +55,7 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
     ("RC_MAP_KILL_SW", 0, 0, 18, "channel of the kill switch of RC_CHANNELS_OVERRIDE; 0: none"),
     ("COM_KILL_DISARM", 5.0, 0.0, 30.0, "disarms so long after the kill switch", "s"),
     ("COM_MOT_TEST_EN", 1, 0, 1, "1: single motors may be turned while disarmed"),
+    ("SYS_FAILURE_EN", 0, 0, 1, "1: MAV_CMD_INJECT_FAILURE may empty the battery"),
     ("COM_RCL_EXCEPT", 0, 0, 31, "modes that need no remote control"),
     ("COM_OF_LOSS_T", 1.0, 0.0, 60.0, "set points missing this long: offboard is lost", "s"),
     ("COM_OBL_RC_ACT", 0, 0, 7, "offboard lost: 3 return, 4 land, 5 hold, 6 and 7 rotors off"),

@@ -283,6 +283,13 @@ class Px4Vehicle:
         self._tested = rotor, self.tick + round(TICK_HZ * seconds)
         return Result.ACCEPTED
 
+    def fail_battery(self) -> Result:
+        """Let the battery be empty, as for a test of what happens then."""
+        if not self.parameters.get("SYS_FAILURE_EN"):
+            return Result.DENIED
+        self._meter.empty()
+        return Result.ACCEPTED
+
     def set_mode(self, mode: Mode, says: str = "") -> Result:
         """Change the flight mode; an armed vehicle that does it `says` so."""
         result = self._commander.set_mode(mode, self.situation)

@@ -84,6 +84,7 @@ class CommandServer:
             ),
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
             mavlink.MAV_CMD_ACTUATOR_TEST: self._test_motor,
+            mavlink.MAV_CMD_INJECT_FAILURE: self._inject_failure,
         }
 
     def execute(self, command: ReceivedCommand) -> list[Result]:
@@ -125,6 +126,12 @@ class CommandServer:
             return Result.UNSUPPORTED
         seconds = min(seconds, _LONGEST_TEST_S) if seconds > 0.0 else 0.0
         return self._vehicle.test_motor(PX4_ROTORS[motor - 1], seconds)
+
+    def _inject_failure(self, command: ReceivedCommand) -> Result:
+        """Empty the battery; no other failure is simulated."""
+        unit, kind = command.params[:2]
+        battery = unit == mavlink.FAILURE_UNIT_SYSTEM_BATTERY and kind == mavlink.FAILURE_TYPE_OFF
+        return self._vehicle.fail_battery() if battery else Result.UNSUPPORTED
 
     def _reposition(self, command: ReceivedCommand) -> Result:
         """Go to the place of parameters 5 to 7; NaN: as it is."""
