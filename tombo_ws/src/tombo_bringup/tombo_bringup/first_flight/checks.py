@@ -13,7 +13,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +28,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import ROTOR_NAMES, SPIN
 from tombo_flight.process.output_folder import make_numbered
 from tombo_flight.scenario import load_scenario
-from tombo_flight.suite.px4_connection import Px4Connection, find_vehicle, link_key, px4_connection
+from tombo_flight.suite.px4_connection import Px4Connection, link_key, px4_connection, vehicle_on
 from tombo_px4.bridge.vehicle_parameters import parameter_file, parse_assignments
 from tombo_px4.frames import PX4_ROTORS
 from tombo_px4.link.messages import is_killed
@@ -108,15 +109,17 @@ class Session:
         """How PX4 is reached."""
         return px4_connection(self.lab.url, self.lab.bridge)
 
-    def vehicle(self) -> VehicleLink:
-        """Return a link to the vehicle, while no bridge uses it.
+    @contextmanager
+    def vehicle(self) -> Iterator[VehicleLink]:
+        """Open a link to the vehicle, while no bridge uses it.
 
         Raises:
-            InputError: there is no vehicle, as `find_vehicle`.
+            InputError: there is no vehicle, as `vehicle_on`.
         """
-        link = self.px4.link
-        find_vehicle(link)
-        return VehicleLink(link, link_key(link), time.time_ns)
+        params = self.px4.link
+        with VehicleLink(params, link_key(params), time.time_ns) as link:
+            vehicle_on(link, params)
+            yield link
 
     @property
     def volume(self) -> FlightVolume:

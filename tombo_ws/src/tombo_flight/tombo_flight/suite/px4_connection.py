@@ -17,6 +17,7 @@ from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams, LinkParams
 from tombo_px4.bridge.link_health import link_faults
 from tombo_px4.bridge.vehicle_parameters import SETS, parse_assignments
 from tombo_px4.link.mavlink_link import Link, parse_url, read_key
+from tombo_px4.link.messages import is_armed
 from tombo_px4.link.vehicle_link import PATIENCE_S, VehicleLink
 from tombo_px4.modes import mode_name, mode_of
 
@@ -171,7 +172,6 @@ def free_udp_port() -> int:
 _PX4: Final = 12
 """MAV_AUTOPILOT_PX4."""
 _KINDS: Final = {2: "quadrotor", 13: "hexarotor", 14: "octorotor"}
-_ARMED = 128
 _SIGNED = 1
 """MAVLINK_IFLAG_SIGNED."""
 
@@ -218,14 +218,7 @@ def find_vehicle(
     with VehicleLink(params, link_key(params), time.time_ns, patience_s, stop) as link:
         if stop():
             return None
-        if link.heartbeat is None:
-            raise InputError(_no_vehicle_text(link.link, params, patience_s))
-        if not params.key_file and _signed(link.heartbeat):
-            raise InputError(
-                f"link '{params.url}': PX4 signs its messages and this side has no key: "
-                "--bridge link.key_file=…; accepted: the file of PX4's key"
-            )
-        vehicle = _parse_heartbeat(link.heartbeat)
+        vehicle = vehicle_on(link, params, patience_s)
         asked = () if vehicle.armed else parameters
         unknown = sorted(set(asked) - link.parameters(asked).keys())
         if unknown and not stop():
@@ -234,6 +227,22 @@ def find_vehicle(
                 " own parameters"
             )
         return vehicle
+
+
+def vehicle_on(link: VehicleLink, params: LinkParams, patience_s: float = PATIENCE_S) -> Vehicle:
+    """Return the vehicle of an open link with these parameters.
+
+    Raises:
+        InputError: the vehicle is missing or another one, or it signs and this side does not.
+    """
+    if link.heartbeat is None:
+        raise InputError(_no_vehicle_text(link.link, params, patience_s))
+    if not params.key_file and _signed(link.heartbeat):
+        raise InputError(
+            f"link '{params.url}': PX4 signs its messages and this side has no key: "
+            "--bridge link.key_file=…; accepted: the file of PX4's key"
+        )
+    return _parse_heartbeat(link.heartbeat)
 
 
 def _signed(message: Any) -> bool:
@@ -250,7 +259,7 @@ def _parse_heartbeat(heartbeat: Any) -> Vehicle:
     return Vehicle(
         system,
         component,
-        bool(heartbeat.base_mode & _ARMED),
+        is_armed(heartbeat),
         mode_name(mode_of(heartbeat.custom_mode)),
         _KINDS.get(heartbeat.type, f"vehicle of type {heartbeat.type}"),
     )
