@@ -57,11 +57,11 @@ def sample(tmp_path_factory):
     return Sample(folder, content, x, summary_of(folder / "whole.mcap"))
 
 
-FEW = examples(60)
+EXAMPLES = examples(60)
 
 
 @pytest.mark.slow
-@FEW
+@EXAMPLES
 @given(share=st.floats(0.0, 1.0, exclude_max=True), tail=st.booleans())
 def test_a_file_cut_anywhere_gives_all_that_is_whole(sample, share, tail):
     content, x, summary = sample.content, sample.x, sample.summary
@@ -113,7 +113,7 @@ def test_a_file_without_its_summary_has_all_messages(tmp_path):
 
 
 @pytest.mark.slow
-@FEW
+@EXAMPLES
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))
 def test_a_flipped_bit_never_gives_wrong_messages(sample, place, bit):
     content, x, summary = sample.content, sample.x, sample.summary

@@ -1,4 +1,4 @@
-"""What is measured in a flight, by short names: the channels that checks and diagnosis read."""
+"""Channels: short names of the measured quantities that checks and diagnosis read."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROTOR_SPEED = "/rotor_speed"
 
 @dataclass(frozen=True)
 class Channel:
-    """What a channel holds, and the topic and the field of its messages where it stands."""
+    """A measured quantity, with the topic and the field of its messages."""
 
     topic: str
     field: str
@@ -107,4 +107,4 @@ ALL_CHANNELS: Mapping[str, Channel] = {**CHANNELS, **CONTROL_CHANNELS}
 ROTOR_SPEEDS = ("rotor_speed", "rotor_command")
 """Channels in rad/s, measured ones first."""
 DRIVES = (*ROTOR_SPEEDS, "motor_command")
-"""Channels that tell what the rotors do, best first."""
+"""Channels of the rotors' speeds and commands, best first."""

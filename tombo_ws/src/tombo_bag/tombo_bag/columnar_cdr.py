@@ -5,9 +5,9 @@ then the fields in order. A number of k bytes starts at a multiple of k, counted
 bytes; a string is its length with the closing zero, then its bytes; a sequence is its count, then
 its elements. (OMG DDS-XTypes 1.3, section 7.4.1.)
 
-If strings keep their length and sequences their count, each message of a type has its numbers and
-texts at the same places. So a *layout* is worked out once from one template message, and the
-numbers of N messages are then laid in as N-element columns. `rosbags` writes the template.
+If strings keep their length and sequences their count, all messages of a type have the same
+offsets. A *layout* is computed once, from one template message. Numbers of N messages are then
+written as N-element columns. `rosbags` writes the template.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
-"""What every message starts with: CDR, little endian, no options."""
+"""First bytes of each message: CDR, little endian, no options."""
 
 NUMBERS: dict[str, np.dtype[Any]] = {
     "bool": np.dtype("?"),
@@ -46,7 +46,7 @@ NUMBERS: dict[str, np.dtype[Any]] = {
 }
 
 EMPTY_MEMBER = ("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))
-"""What stands in a message without fields, such as std_msgs/Empty."""
+"""The field of messages without fields, such as std_msgs/Empty."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Leaf:
     """One number, one run of equal numbers, or one string in a message.
 
     Attributes:
-        path: where it stands, as in `pose.position.x` or `transforms[0].header.stamp.sec`.
+        path: its name, as in `pose.position.x` or `transforms[0].header.stamp.sec`.
         dtype: numpy type of one number; of a string, of kind V, its bytes without closing zero.
         count: None for a single number or a string, else the length of the array or sequence.
         offset: bytes from the message's first byte.
@@ -73,13 +73,13 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where everything stands in the messages of one type that share one shape.
+    """Offsets of all fields in the messages of one type and one shape.
 
     Attributes:
         typename: message type.
         template: a message of this shape.
         leaves: numbers and strings, in order.
-        counts: offsets of the 4-byte lengths of strings and sequences, which make the shape.
+        counts: offsets of the 4-byte lengths of strings and sequences, which define the shape.
     """
 
     typename: str
@@ -89,7 +89,7 @@ class Layout:
 
     @cached_property
     def fixed(self) -> NDArray[np.intp]:
-        """Places of the encapsulation, lengths and counts, which make the shape."""
+        """Offsets of the encapsulation, lengths and counts, which define the shape."""
         places = np.arange(4)[None, :] + np.array([0, *self.counts])[:, None]
         return np.asarray(places.ravel())
 
@@ -140,12 +140,12 @@ def encode(typename: str, values: Mapping[str, Any]) -> bytes:
 
 
 def lay_in(records: NDArray[np.void], path: str, values: Any) -> None:
-    """Lay a column into the field at a path, or a vector's into the fields x, y, z, w below it.
+    """Write a column into the field at a path, or a vector's into the fields x, y, z, w below it.
 
     Args:
         records: (N,) of `Layout.records`.
         path: of a number or an array of numbers, or of a message with x, y, z (and w).
-        values: (N,) or (N, k); what is alike in all may lack N.
+        values: (N,) or (N, k); without N: the same in all messages.
     """
     if path in (records.dtype.names or ()):
         records[path] = values
@@ -155,7 +155,7 @@ def lay_in(records: NDArray[np.void], path: str, values: Any) -> None:
 
 
 def lay_in_times(records: NDArray[np.void], path: str, times_ns: Any) -> None:
-    """Lay times [ns], (N,) or one for all, into the builtin_interfaces/Time at a path."""
+    """Write times [ns], (N,) or one for all, into the builtin_interfaces/Time at a path."""
     records[f"{path}.sec"], records[f"{path}.nanosec"] = divmod(times_ns, SECOND_NS)
 
 
@@ -168,7 +168,7 @@ def layout_of(typename: str, message: bytes, types: Types) -> Layout:
     """Work out the layout of the messages with the same shape as one at hand.
 
     Raises:
-        InputError: the bytes are no message of this type.
+        InputError: the bytes do not fit this type.
     """
     if message[:4] != ENCAPSULATION:
         header = message[:4].hex(" ")
@@ -217,7 +217,7 @@ def _field(descriptor: tuple[int, Any], value: Any, path: str) -> Any:
 
 
 class _Reader:
-    """Walks a type's definition along a message and notes where everything stands."""
+    """Walks a type's definition along a message and notes the offset of each field."""
 
     def __init__(self, types: Types, message: bytes) -> None:
         self.types = types

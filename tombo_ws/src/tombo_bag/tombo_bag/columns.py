@@ -91,7 +91,7 @@ def columns_of(
 def grouped_by_shape(
     typename: str, messages: list[bytes], types: Types, lost: list[int] | None = None
 ) -> list[ShapeGroup]:
-    """Put messages of one shape together; those that don't fit go to `lost`, else it raises."""
+    """Put messages of one shape together; the others go to `lost`, else it raises."""
     sizes = np.fromiter(map(len, messages), np.intp, len(messages))
     left = np.ones(len(messages), bool)
     groups: list[ShapeGroup] = []

@@ -106,7 +106,7 @@ class Comparison:
         topics: the topics that were compared, sorted by name.
         left_out: topics of `PROCESS_TOPICS` that are recorded and were not asked for.
         epoch_ns: stamp of flight time 0; without a flight's metadata, the earliest stamp.
-        damage: what could not be read of either file, a line each.
+        damage: unreadable parts of either file, a line each.
     """
 
     topics: tuple[TopicComparison, ...]
@@ -265,7 +265,7 @@ def _stamps(table: ColumnTable) -> Times:
 
 
 def _pair(tables: Sequence[ColumnTable], stamps: Sequence[Times]) -> tuple[list[Rows], list[Rows]]:
-    """Return the rows that belong together, by time, and those that are left, of each."""
+    """Return the paired rows of both tables, by time, and the rows without a partner."""
     orders = [_order(table, at) for table, at in zip(tables, stamps, strict=True)]
     at = [stamp[order] for stamp, order in zip(stamps, orders, strict=True)]
     # the same stamp's first, second ... message: its place since the stamp's first one

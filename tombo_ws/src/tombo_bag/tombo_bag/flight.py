@@ -1,4 +1,4 @@
-"""One flight, flown or measured: what was said on its topics, as columns over time.
+"""One flight, flown or measured: the messages of its topics, as columns over time.
 
 The simulation writes it, recordings and logs of other projects are read into it; figures,
 pictures, files and the diagnosis are made from it. World `map` is ENU, body `base_link` FLU; SI
@@ -37,7 +37,7 @@ class Series:
 
 
 class Topic(dict[str, Series]):
-    """What was said on one topic: field of the message → series.
+    """The messages of one topic: field of the message → series.
 
     Names are those of the message in `tombo_dynamics.messages`, else in its definition. The
     fields share their times, unless a log has stamps of its own for some.
@@ -60,7 +60,7 @@ class Topic(dict[str, Series]):
         return Topic({name: Series(t, values, arrival) for name, values in columns.items()})
 
     def __missing__(self, name: str) -> Series:
-        """Raise the error that names the field and those that are there."""
+        """Raise the error that names the field and the existing fields."""
         raise unknown_name("field of the topic", name, self)
 
 
@@ -74,17 +74,17 @@ class Finding:
     """info, warning (diagnosed all the same) or fault (the part it concerns is excluded)."""
     flight: str
     message: str
-    """One line: channel, what was seen, what was expected."""
+    """One line: channel, observation, expectation."""
     start_s: float = float("nan")
     """On the flight's clock; NaN: it concerns the whole flight."""
     end_s: float = float("nan")
     channel: str = ""
     key: str = ""
-    """Which mistake of those that the check tells apart; empty: it tells one."""
+    """The mistake, where the check distinguishes several; else empty."""
     subject: str = ""
     """The rotor or the axis that it is about, or where the channel was read from."""
     numbers: tuple[float, ...] = ()
-    """What was measured, in the order and the units of the message."""
+    """Measured values, in the order and the units of the message."""
 
 
 def finding_mapping(finding: Finding) -> dict[str, Any]:
@@ -121,7 +121,7 @@ def damage_findings(flight: str, path: Path, damage: Iterable[str]) -> list[Find
 
 @dataclass(frozen=True)
 class Airframe:
-    """What is known of the vehicle that flew. None: the suite's own nominal vehicle."""
+    """Known parameters of the vehicle that flew. None: the suite's own nominal vehicle."""
 
     name: str
     mass: float
@@ -142,7 +142,7 @@ def _no_ticks() -> Array:
 
 @dataclass(frozen=True)
 class Flight:
-    """A flight. What is not known of it is empty."""
+    """A flight; unknown parts are empty."""
 
     topics: Mapping[str, Topic]
     """By name, as `/mocap/pose`. Of a simulated flight what the cores said and its sensors."""
@@ -153,7 +153,7 @@ class Flight:
     t: Array = field(default_factory=_no_ticks)
     """(N,) time of each tick [s], from 0 in steps of 1 ms."""
     log: Mapping[str, Array] = field(default_factory=dict)
-    """Truth and what the autopilot wanted, tick by tick: the columns (N, k) of
+    """Truth and the autopilot's set points, tick by tick: the columns (N, k) of
     `tombo_sim.kernel`."""
     events: list[dict[str, Any]] = field(default_factory=list)
     """What happened: time_s, kind, text and more, in order of time."""
@@ -162,7 +162,7 @@ class Flight:
     summary: dict[str, Any] = field(default_factory=dict)
     """The figures of `summary.json`."""
     findings: tuple[Finding, ...] = ()
-    """What the reader noticed."""
+    """Findings of the reader."""
     epoch_ns: int = 0
     """Stamp at t = 0."""
     airframe: Airframe | None = None

@@ -12,7 +12,7 @@ from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS
 FLIGHT_METADATA = "tombo_flight"
 """Metadata record with the scenario, the events and the epoch of a flight."""
 RECORDER_METADATA = "tombo_recorder"
-"""Metadata record with what the recorder counted: messages and losses."""
+"""Metadata record with the recorder's counts of messages and losses."""
 
 
 def nanoseconds(times_s: Any) -> NDArray[np.int64]:

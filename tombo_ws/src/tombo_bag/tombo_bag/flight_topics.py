@@ -1,6 +1,6 @@
-"""The topics of a simulated flight: what the nodes publish in a live flight; and its recording.
+"""The topics of a simulated flight, the same as those of the nodes in a live flight; and its file.
 
-What was measured and published stands as it was; the rest follows from the log. Every stamp and
+Measurements and published messages are unchanged; the rest follows from the log. Every stamp and
 log time is the flight's own time plus `EPOCH_NS`, never the time of day: the same flight gives the
 same bytes. The header's stamp is the time at which a value was true (for a pose of the motion
 capture: its capture); the log time is the time at which it was known (its arrival).
@@ -45,7 +45,7 @@ Log = Mapping[str, Array]
 
 
 class FlownTopics(Mapping[str, Topic]):
-    """The topics of a simulated flight; what follows from the log is made when it is asked for."""
+    """The topics of a simulated flight; those derived from the log are made on demand."""
 
     def __init__(
         self, t: Array, log: Log, poses: Topic, published: Mapping[str, Topic] | None = None
@@ -56,7 +56,7 @@ class FlownTopics(Mapping[str, Topic]):
             t: (N,) ticks [s].
             log: its columns.
             poses: of the motion capture.
-            published: what the cores have published.
+            published: messages of the cores.
         """
         self._t, self._log = t, log
         self._made: dict[str, Topic] = {
@@ -202,9 +202,9 @@ def write_flight(sink: McapSink, flight: Flight) -> None:
 
 
 def _messages(name: str, topic: Topic) -> tuple[NDArray[np.int64], Any]:
-    """Return times and messages of a topic as they stand in a file."""
+    """Return times and messages of a topic as in a file."""
     typename, times_ns = TOPICS[name].typename, nanoseconds(topic.arrival)
-    columns = {field: one.values for field, one in topic.items()}
+    columns = {field: series.values for field, series in topic.items()}
     stamps_ns = columns.pop("stamp_ns", None)
     if stamps_ns is None:
         stamps_ns = times_ns if topic.arrival is topic.t else nanoseconds(topic.t)

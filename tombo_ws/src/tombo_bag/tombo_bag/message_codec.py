@@ -1,6 +1,6 @@
 """Bytes of messages (CDR) ⇄ the dataclasses of `tombo_dynamics.messages`.
 
-Where a field stands follows from its name and its metadata. All messages of a topic have one shape
+The place of a field follows from its name and its metadata. All messages of a topic have one shape
 as long as their texts keep their lengths: a numpy type with the fields of the dataclass reads and
 writes them, one in some microseconds, or a column of them at once.
 """
@@ -49,12 +49,12 @@ CONSTANTS: Mapping[str, Mapping[str, Any]] = {
         **dict.fromkeys(_UNKNOWN, float("nan")),
     },
 }
-"""Of the suite's types without a dataclass: what always stands in a message."""
+"""Of the suite's types without a dataclass: the constant fields of a message."""
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Where one field of a dataclass stands in the message.
+    """The place of one field of a dataclass in the message.
 
     Attributes:
         name: of the field.
@@ -79,13 +79,13 @@ class _Part:
 
 @dataclass(frozen=True)
 class Form:
-    """How a dataclass stands in a message."""
+    """The form of a message, for its dataclass."""
 
     kind: type
     frames: Mapping[str, str]
-    """Path → frame; what the dataclass itself holds is not in here."""
+    """Path → frame, without fields of the dataclass."""
     values: Mapping[str, Any]
-    """What always stands in the message besides."""
+    """Other constant fields of the message."""
     any_frame: bool
     """Messages of another frame are taken too: a status says nothing in a frame."""
 
@@ -106,12 +106,12 @@ FORMS = {
     messages.typename_of(kind): _form(kind)
     for kind in (*messages.STANDARD_MESSAGES, *messages.MESSAGES)
 }
-"""Type name → how its dataclass stands in it."""
+"""Type name → form of its messages."""
 
 
 @cache
 def form_of(typename: str) -> Form:
-    """Return how a type's dataclass stands in it.
+    """Return the form of a type's messages.
 
     Raises:
         InputError: no core takes or gives this type.
@@ -133,7 +133,7 @@ def _parts(typename: str) -> tuple[_Part, ...]:
 
 
 def _part(typename: str, name: str, path: str) -> _Part:
-    """Look up in the definition of a message what stands at a path."""
+    """Look up a path in the definition of a message."""
     types, inside = known_types(), typename
     for step in path.split("."):
         kind, inside = dict(types[inside][1])[step]
@@ -172,7 +172,7 @@ class _Shape:
         )
         self._template = shape.template
         self.frames: dict[str, str] = {}
-        """Path → frame in the messages, of those that must be as in the form."""
+        """Path → frame in the messages, where it must be as in the form."""
         self._marks = [(at, shape.template[at : at + 4]) for at in (0, *shape.counts)]
         for path in () if form.any_frame else form.frames:
             begin, size = leaves[path].offset, leaves[path].dtype.itemsize
@@ -216,7 +216,7 @@ class MessageCodec:
     """Reads and writes the messages of one type."""
 
     def __init__(self, typename: str) -> None:
-        """Look up how the type's dataclass stands in it.
+        """Look up the form of the type's messages.
 
         Raises:
             InputError: no core takes or gives this type.
@@ -233,7 +233,7 @@ class MessageCodec:
         """Return the dataclass of a message.
 
         Raises:
-            InputError: the bytes are no message of this type, or of another frame.
+            InputError: the bytes do not fit this type, or are of another frame.
         """
         for shape in self._read:
             if shape.fits(data):
@@ -263,8 +263,8 @@ class MessageCodec:
 def fields_of(typename: str, table: ColumnTable) -> TopicColumns:
     """Return a recorded topic, read as columns, by field of its messages.
 
-    Names are those of the dataclass where the type has one, else those of the definition. What
-    has x, y, z (and w) is one column (N, 3) or (N, 4); a time is one of nanoseconds.
+    Names are those of the dataclass where the type has one, else those of the definition. Fields
+    x, y, z (and w) are one column (N, 3) or (N, 4); a time is one of nanoseconds.
     """
     form = FORMS.get(typename)
     known = () if form is None else fields(form.kind)
@@ -317,11 +317,11 @@ def _has_default(field: Any) -> bool:
 
 
 def encoded(typename: str, columns: Mapping[str, NDArray[Any]]) -> Any:
-    """Return messages as bytes, laid in by columns: structured, or a list if they have texts.
+    """Return messages as bytes, from columns: structured, or a list if they have texts.
 
     Args:
         typename: of the messages.
-        columns: (N,) or (N, k), the fields of the dataclass by name; what is not there is 0.
+        columns: (N,) or (N, k), the fields of the dataclass by name; missing fields are 0.
             A frame that the dataclass holds is map.
     """
     form = form_of(typename)

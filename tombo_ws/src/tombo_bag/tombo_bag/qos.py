@@ -9,7 +9,7 @@ _INFINITE = "    sec: 9223372036\n    nsec: 854775807"
 
 @dataclass(frozen=True)
 class Qos:
-    """What a publisher offers; `ros2 bag play` offers the same again.
+    """The offer of a publisher; `ros2 bag play` repeats it.
 
     Attributes:
         depth: messages kept for late subscribers and retries.
@@ -43,7 +43,7 @@ SENSOR = Qos(depth=5, reliability="best_effort")
 """Sensor data: the newest sample counts."""
 
 STATUS = Qos(depth=1, durability="transient_local")
-"""What is so since the last change; a late subscriber gets the last one, and no older ones."""
+"""A state, at each change; a late subscriber gets the last one alone."""
 
 EVENT = Qos(depth=10, durability="transient_local")
 """Events that a late subscriber must still get."""

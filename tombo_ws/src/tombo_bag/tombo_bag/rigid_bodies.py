@@ -28,7 +28,7 @@ class BodyList(NamedTuple):
     position: str
     attitude: str
     header: str
-    """Path of the header; `{body}` stands for that of the body."""
+    """Path of the header; `{body}` is replaced by that of the body."""
 
 
 _TF = "tf2_msgs/msg/TFMessage"

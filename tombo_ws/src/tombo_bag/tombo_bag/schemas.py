@@ -1,4 +1,4 @@
-"""What a message type looks like: fields, schema text and type hash, with no ROS installed.
+"""Definitions of message types: fields, schema text and type hash, without an installed ROS.
 
 The standard types are those of ROS 2 Jazzy, as the `rosbags` library carries them; the types of
 `tombo_msgs` are read from its `.msg` files, and any other from the `.msg` files of its package
@@ -165,10 +165,10 @@ def type_hash(typename: str) -> str:
 
 @cache
 def parse_schema(typename: str, text: str) -> Types:
-    """Read a `ros2msg` schema as it stands in a file: the type and all it depends on.
+    """Read the `ros2msg` schema of a file: the type and all it depends on.
 
     Raises:
-        InputError: the text is no message definition.
+        InputError: the text is not a message definition.
     """
     from rosbags.typesys import get_types_from_msg
 
@@ -185,7 +185,7 @@ def ros1_store(typename: str, text: str) -> Typestore:
     Types that ROS 2 Jazzy knows are as there: a ROS 1 header has lost its count.
 
     Raises:
-        InputError: the text is no message definition.
+        InputError: the text is not a message definition.
     """
     from rosbags.typesys import Stores, get_typestore
 
@@ -209,7 +209,7 @@ def ros1_as_cdr(store: Typestore, typename: str, data: bytes) -> bytes | None:
 
 
 def _not_readable(typename: str, error: Exception) -> InputError:
-    # the library's error: "Could not parse:", the whole text, a position, what is left of it
+    # the library's error: "Could not parse:", the whole text, a position, the rest of the text
     lines = str(error).splitlines()
     rest = (lines[3] if len(lines) > 3 else str(error)).strip()[:60]
     return InputError(

@@ -1,4 +1,4 @@
-"""Counts a topic's messages, and those that were sent but did not arrive."""
+"""Counts a topic's messages and its losses."""
 
 from __future__ import annotations
 

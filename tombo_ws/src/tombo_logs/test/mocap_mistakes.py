@@ -23,7 +23,7 @@ def _changed(
     return log.with_series(series)
 
 
-def _turned(turn: Callable[[Rotation], Rotation]) -> Change:
+def _with_turn(turn: Callable[[Rotation], Rotation]) -> Change:
     return lambda s: replace(s, values=turn(Rotation.from_quat(s.values)).as_quat())
 
 
@@ -32,13 +32,13 @@ def _y_up(log: Flight) -> Flight:
     return _changed(
         log,
         lambda s: replace(s, values=turn.apply(s.values)),
-        _turned(lambda q: turn * q * turn.inv()),
+        _with_turn(lambda q: turn * q * turn.inv()),
     )
 
 
 def _body_turned(degrees: float) -> Callable[[Flight], Flight]:
     turn = Rotation.from_euler("z", degrees, degrees=True)
-    return lambda log: _changed(log, attitude=_turned(lambda q: q * turn))
+    return lambda log: _changed(log, attitude=_with_turn(lambda q: q * turn))
 
 
 def _another_body(log: Flight) -> Flight:

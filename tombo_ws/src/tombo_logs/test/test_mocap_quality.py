@@ -19,7 +19,7 @@ _NOISE = ("effects.mocap_noise.position=2e-4", "effects.mocap_noise.attitude=2e-
 _CASES = ["simulated", *(path.name.split(".")[0] for path in _REAL)]
 
 
-def _flown() -> Flight:
+def _simulated() -> Flight:
     flight = fly_scenario(load_scenario("survey", _NOISE), 1)
     keep = ("position", "attitude", "gyro", "accel")
     channels = {name: s for name, s in flight.series.items() if name in keep}
@@ -29,7 +29,7 @@ def _flown() -> Flight:
 @pytest.fixture(scope="module", params=_CASES)
 def log(request) -> Flight:
     if request.param == "simulated":
-        return _flown()
+        return _simulated()
     (path,) = (path for path in _REAL if path.name.startswith(request.param))
     return read_logs([path])[0]
 

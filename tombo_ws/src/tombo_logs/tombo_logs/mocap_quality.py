@@ -20,7 +20,7 @@ from tombo_logs.checks.clocks.gaps import LONG_S, gap_spans
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
 from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
 from tombo_logs.checks.frozen_values import frozen_spans
-from tombo_logs.checks.imu import TURNED
+from tombo_logs.checks.imu import MAX_TURN_RAD
 from tombo_logs.checks.pipeline import findings_of
 from tombo_logs.checks.pose_imu_consistency import alignment, time_offset
 from tombo_logs.checks.spans import runs, sample_interval, white_noise
@@ -129,10 +129,10 @@ def _axes(position: Series, attitude: Series, motion: EvenFlight | None) -> list
         return []
     offset = time_offset(motion)
     turned = None if offset is None else alignment(motion, offset.lag)
-    if turned is None or turned.explained < _ALIGNED or turned.angle < TURNED:
+    if turned is None or turned.explained < _ALIGNED or turned.angle < MAX_TURN_RAD:
         return []
     x, y, z = np.degrees(turned.turn.as_rotvec())
-    if np.linalg.norm([abs(x) - 90.0, y, z]) < np.degrees(TURNED):
+    if np.linalg.norm([abs(x) - 90.0, y, z]) < np.degrees(MAX_TURN_RAD):
         return _finding(
             "up_axis",
             f"the attitude is turned against the gyro by {x:.0f} deg about x, as where y points "

@@ -113,7 +113,7 @@ def test_everything_arrives_unchanged_and_three_libraries_read_it(start, world, 
     event.header.stamp = to_time(5)
     world.publish(COLLISION_EVENT, event)  # latched, before the recorder is there
     named = ["-p", "topics:=['/steady', '/collision_event']"]
-    recorder = record(start, tmp_path / "bag", *named, "-p", "file_duration_max:=0.4")
+    recorder = record(start, tmp_path / "bag", *named, "-p", "file_size_max:=2000")
     recorder_of_all = record(start, tmp_path / "all", "-p", "all:=true", "-p", "topics:=['']")
     world.subscribe(DIAGNOSTICS)
     meet(world, STEADY, COLLISION_EVENT, others=2)

@@ -158,9 +158,6 @@ class RecorderNode(LoopNode):
         output = self.declare("output", "", "folder to make; empty: recording_ with the time")
         file = self.declare("single_file", "", "in place of a folder: one file, ending in .mcap")
         size_max = self.declare("file_size_max", 0, "a larger file ends [bytes]; 0: no limit")
-        duration_max = self.declare(
-            "file_duration_max", 0.0, "a longer file ends [s]; 0: no limit"
-        )
         if output and file:
             raise InputError(
                 f"parameters output '{output}' and single_file '{file}'; accepted: one of them"
@@ -169,7 +166,6 @@ class RecorderNode(LoopNode):
             Path(file or output or f"recording_{now}").expanduser().absolute(),
             single_file=bool(file),
             file_size_max=size_max,
-            file_duration_max=duration_max,
         )
 
     def _records(self) -> dict[str, dict[str, str]]:

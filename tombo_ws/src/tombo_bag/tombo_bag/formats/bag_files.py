@@ -24,7 +24,7 @@ class TopicSummary:
 
     Attributes:
         typename: message type in its long form, as `nav_msgs/msg/Odometry`.
-        count: number of messages; for a damaged file, those that are announced.
+        count: number of messages; in a damaged file, the announced number.
         first_ns: log time of the first message, 0 if there is none.
         last_ns: log time of the last message, 0 if there is none.
     """
@@ -61,8 +61,8 @@ class BagFile(ABC):
     Attributes:
         path: the file.
         topics: its topics by name.
-        metadata: named text values that stand beside the messages.
-        damage: what could not be read so far, a line each.
+        metadata: named text values of the file.
+        damage: unreadable parts so far, a line each.
     """
 
     path: Path

@@ -61,7 +61,7 @@ def write_metadata(
         **_span(first_ns, last_ns),
         "message_count": sum(file.messages for file in files),
         "topics_with_message_count": [_topic(topic) for topic in topics],
-        # chunks inside the files are compressed, which is no concern of rosbag2's
+        # empty: rosbag2 does not count the compression of chunks inside the files
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file.name for file in files],

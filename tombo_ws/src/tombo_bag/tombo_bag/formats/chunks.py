@@ -28,7 +28,7 @@ HEAD = np.dtype(
         "itemsize": 31,
     }
 )
-"""What stands before a message's own bytes in an MCAP file: head of record and of message."""
+"""Bytes before a message's own in an MCAP file: head of record and of message."""
 
 PREFIX_SIZE = 9
 """Opcode and length: the part of HEAD that `length` does not count."""
@@ -36,7 +36,7 @@ PREFIX_SIZE = 9
 
 @dataclass(frozen=True)
 class ChunkBody:
-    """A chunk's records before compression, and where each channel's messages stand in it.
+    """A chunk's records before compression, and the offsets of each channel's messages.
 
     Attributes:
         data: schema and channel records, then message records in order of log time.

@@ -1,8 +1,8 @@
 """Writes an MCAP file of ROS 2 messages, whole columns of them at once.
 
-The headless flight hands over those of a flight, a recorder those of half a second. Chunks hold at
-most one second of log time and go to the system at once, so a process that is killed leaves all
-that it handed over readable. Headers, indexes and summary are the `mcap` library's own records.
+The headless flight writes a whole flight at once, a recorder half a second. Chunks hold at most
+one second of log time and go to the system at once: all that a killed process wrote stays
+readable. Headers, indexes and summary are the `mcap` library's own records.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class McapSink:
         Args:
             topic: name, as `/odometry`.
             typename: message type, as `nav_msgs/msg/Odometry`.
-            qos: what the topic's publisher offers.
+            qos: the offer of the topic's publisher.
 
         Raises:
             InputError: unknown type, or the topic is there already with another type.
@@ -146,7 +146,7 @@ class McapSink:
         return channel.id
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Write named text values beside the messages."""
+        """Write named text values."""
         self._check_open()
         record = _bytes(Metadata(name=name, metadata=values))
         index = MetadataIndex(self.size, len(record), name)
@@ -159,9 +159,9 @@ class McapSink:
         The channels of one flight belong in one call: each call begins and ends its own chunks.
 
         Raises:
-            InputError: unknown channel, columns of different length, or times that are no
+            InputError: unknown channel, columns of different length, or times other than
                 integers from 0 up.
-            OSError: the disk is full or failed. What was written before is whole.
+            OSError: the disk is full or failed. Earlier chunks are whole.
         """
         self._check_open()
         records = []
@@ -200,8 +200,8 @@ class McapSink:
         """Finish the file: indexes, statistics, footer. A second call does nothing.
 
         Raises:
-            OSError: the disk is full or failed. What was written is whole and can be read, also
-                where there was no room for indexes and footer.
+            OSError: the disk is full or failed. All chunks are whole and can be read, also
+                without indexes and footer.
         """
         if self.closed:
             return

@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import math
-from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from operator import itemgetter
 from pathlib import Path
 
 from tombo_bag.flight_time import RECORDER_METADATA
@@ -22,11 +19,9 @@ from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.qos import Qos
 from tombo_bag.schemas import load_installed_type
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.time_base import SECOND_NS
 
-_Message = tuple[str, int, bytes, int]
-"""Topic, log time [ns], bytes and publish time [ns]."""
-_log_ns = itemgetter(1)
+_Message = tuple[int, bytes, int]
+"""Log time [ns], bytes and publish time [ns]."""
 
 
 @dataclass(frozen=True)
@@ -37,25 +32,21 @@ class RollingOptions:
         target: folder to make, or with `single_file` the file.
         single_file: one MCAP file, no folder, no `metadata.yaml`.
         file_size_max: a file that has reached this size [bytes] ends; 0: no limit.
-        file_duration_max: a message this long [s] after a file's first begins the next; 0: none.
     """
 
     target: Path
     single_file: bool = False
     file_size_max: int = 0
-    file_duration_max: float = 0.0
 
     def __post_init__(self) -> None:
         """Check what doesn't depend on the disk.
 
         Raises:
-            InputError: a limit below 0, limits for a single file, or one not called `.mcap`.
+            InputError: a limit below 0, a limit for a single file, or one not called `.mcap`.
         """
-        for name in ("file_size_max", "file_duration_max"):
-            value = getattr(self, name)
-            if not 0 <= value < math.inf or (value and self.single_file):
-                accepted = "0 with a single file" if self.single_file else "0 or more"
-                raise InputError(f"{name} is {value}; accepted: {accepted}")
+        if self.file_size_max < 0 or (self.file_size_max and self.single_file):
+            accepted = "0 with a single file" if self.single_file else "0 or more"
+            raise InputError(f"file_size_max is {self.file_size_max}; accepted: {accepted}")
         if self.single_file and self.target.suffix != ".mcap":
             raise InputError(f"single_file is '{self.target}'; accepted: a name ending in .mcap")
 
@@ -85,13 +76,12 @@ class RollingSink:
         self._records = {name: dict(values) for name, values in (records or {}).items()}
         self._topics: dict[str, tuple[str, Qos]] = {}
         self._channels: dict[str, int] = {}
-        self._waiting: list[_Message] = []
+        self._waiting: dict[str, list[_Message]] = {}
         self._done: list[FileEntry] = []
         self._done_bytes = 0
         self._done_counts: Counter[str] = Counter()
         self._unfinished = False
         self._received = 0
-        self._end_ns = math.inf
         target = options.target
         if target.is_symlink() or target.exists():
             raise InputError(f"'{target}' is there already; accepted: a new name")
@@ -131,7 +121,7 @@ class RollingSink:
     @property
     def unwritten(self) -> int:
         """Messages that were taken but could not be written: the disk was full or failed."""
-        return self._received - self.messages - len(self._waiting)
+        return self._received - self.messages - sum(map(len, self._waiting.values()))
 
     def add_topic(self, name: str, typename: str, qos: Qos) -> None:
         """Announce a topic; once more does nothing.
@@ -148,7 +138,7 @@ class RollingSink:
 
     def write(self, topic: str, message: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Take a message of a topic that was added; `flush` writes it."""
-        self._waiting.append((topic, log_time_ns, message, publish_time_ns))
+        self._waiting.setdefault(topic, []).append((log_time_ns, message, publish_time_ns))
         self._received += 1
 
     def flush(self) -> None:
@@ -156,32 +146,21 @@ class RollingSink:
 
         Raises:
             OSError: the disk is full or failed. The messages are given up and counted as
-                `unwritten`; what was written before is whole.
+                `unwritten`; earlier chunks are whole.
         """
-        waiting, self._waiting = sorted(self._waiting, key=_log_ns), []
-        while waiting:
-            first_ns = _log_ns(waiting[0])
-            if not self._sink.closed and first_ns >= self._end_ns:
-                self._finish_file()
-            if self._sink.closed:
-                self._open()
-            if self._end_ns == math.inf and self.options.file_duration_max:
-                span_ns = max(round(self.options.file_duration_max * SECOND_NS), 1)
-                self._end_ns = first_ns + span_ns
-            number = bisect_left(waiting, self._end_ns, key=_log_ns)
-            self._write(waiting[:number])
-            waiting = waiting[number:]
-            if not waiting and 0 < self.options.file_size_max <= self._sink.size:
-                self._finish_file()
-
-    def _write(self, messages: Sequence[_Message]) -> None:
-        """Write messages into the open file, a column of each topic."""
-        rows: dict[str, list[tuple[int, bytes, int]]] = {}
-        for topic, log_ns, message, sent_ns in messages:
-            rows.setdefault(topic, []).append((log_ns, message, sent_ns))
+        waiting, self._waiting = self._waiting, {}
+        if not waiting:
+            return
+        if self._sink.closed:
+            self._open()
         self._sink.write_columns(
-            *(Columns(self._channels[topic], *zip(*of, strict=True)) for topic, of in rows.items())
+            *(
+                Columns(self._channels[name], *zip(*of, strict=True))
+                for name, of in waiting.items()
+            )
         )
+        if 0 < self.options.file_size_max <= self._sink.size:
+            self._finish_file()
 
     def close(self) -> None:
         """Write what waits, finish the file and, in a folder, write `metadata.yaml`.
@@ -189,8 +168,8 @@ class RollingSink:
         A second call changes nothing.
 
         Raises:
-            OSError: the disk is full or failed. What was written is whole and can be read; there
-                is no `metadata.yaml` if the file could not be finished.
+            OSError: the disk is full or failed. All chunks are whole and can be read; without
+                a finished file `metadata.yaml` is missing.
         """
         try:
             self.flush()
@@ -249,7 +228,7 @@ class RollingSink:
                 sink.close()
             sink.path.unlink()
             raise
-        self._sink, self._end_ns = sink, math.inf
+        self._sink = sink
         self._channels = {
             topic: sink.add_channel(topic, typename, qos)
             for topic, (typename, qos) in self._topics.items()

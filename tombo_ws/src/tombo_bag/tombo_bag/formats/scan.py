@@ -1,7 +1,7 @@
-"""Walks through an MCAP file record by record and notes what is there and what is damaged.
+"""Walks through an MCAP file record by record and notes its contents and its damage.
 
-The `mcap` library's readers stop with an error where a file was cut off. This walk takes all that
-is whole and says, as data, what is not.
+The `mcap` library's readers stop with an error where a file was cut off. This walk takes all whole
+records, and lists the damage.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ _CHUNK = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<HIQQ")
 _FIRST_PRIVATE = 0x80
 _DAMAGE = (struct.error, ValueError, IndexError, EndOfFile)
-"""What reading the fields of a record that is none raises."""
+"""Errors of reading a damaged record."""
 
 
 @dataclass
 class ChunkPlace:
     """One chunk of a file. `index`: channel → (n, 2) log time and offset; None: look inside.
 
-    Messages that stand in no chunk are gathered as if the file were one, with offset 0.
+    Messages outside of chunks are gathered as if the file were one, with offset 0.
     """
 
     offset: int
@@ -54,14 +54,14 @@ class ChunkPlace:
 
 @dataclass
 class FileMap:
-    """What the walk found in a file."""
+    """Contents of a file."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[ChunkPlace] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
-    """What can't be read, a line each."""
+    """Unreadable parts, a line each."""
     data_ended: bool = False
     finished: bool = False
 

@@ -5,14 +5,12 @@ The limit is the user's, else a share of the machine's memory.
 
 from __future__ import annotations
 
-import gzip
 import os
 import resource
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,7 +20,8 @@ GIGABYTE = 1e9
 GZIP_MAGIC = b"\x1f\x8b"
 _SHARE = 0.25
 """Of the machine's memory, which messages as bytes and again as columns have to share."""
-_PIECE = 1 << 20
+_PIECE = 4096
+"""Compressed bytes that are unpacked at once."""
 _LIMIT: ContextVar[int | None] = ContextVar("unpacking limit", default=None)
 
 
@@ -103,38 +102,23 @@ def unpack(how: str, data: Any, size: int) -> Any:
 
 
 def unpack_file(source: BinaryIO, out: BinaryIO, allowance: Allowance) -> str:
-    """Unpack a file that zstd has packed as a whole; return its damage, or nothing.
+    """Unpack a file packed as a whole by zstd or gzip; return its damage, or nothing.
 
     Raises:
         InputError: it unpacks to more than is allowed.
     """
     import zstandard
 
-    unpacker = zstandard.ZstdDecompressor().decompressobj()
+    unpacker: Any = zstandard.ZstdDecompressor().decompressobj()
+    packed = source.read(_PIECE)
+    if packed.startswith(GZIP_MAGIC):
+        unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
     try:
-        while not unpacker.eof and (packed := source.read(_PIECE >> 8)):
+        while packed and not unpacker.eof:
             piece = unpacker.decompress(packed)
             allowance.take(len(piece))
             out.write(piece)
-    except zstandard.ZstdError as error:
-        return f"{error}; what was unpacked before that is read"
-    return "" if unpacker.eof else "the compressed file is cut off"
-
-
-def ungzip(raw: bytes, allowance: Allowance) -> tuple[bytes, str]:
-    """Return what gzip has packed, of a damaged file its beginning; and the damage.
-
-    Raises:
-        InputError: it unpacks to more than is allowed.
-    """
-    parts: list[bytes] = []
-    with gzip.GzipFile(fileobj=BytesIO(raw)) as file:
-        try:
-            while part := file.read1(_PIECE):
-                allowance.take(len(part))
-                parts.append(part)
-        except EOFError:
-            return b"".join(parts), "the compressed file is cut off; read up to there"
-        except (OSError, zlib.error) as error:
-            return b"".join(parts), f"the compressed file is damaged ({error}); read up to there"
-    return b"".join(parts), ""
+            packed = source.read(_PIECE)
+    except (zstandard.ZstdError, zlib.error) as error:
+        return f"the compressed file is damaged ({error}); read up to there"
+    return "" if unpacker.eof else "the compressed file is cut off; read up to there"

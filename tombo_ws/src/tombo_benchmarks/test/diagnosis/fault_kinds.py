@@ -118,7 +118,6 @@ FAULTS: tuple[LogFault, ...] = (
     ),
     log_fault("another vehicle", ROTORS, (0.7, 1.5, 4.0), SCALED, "vehicle"),
     log_fault("IMU clock rate", IMU, (1.0005, 1.001, 1.01), _TIMES, "stamps"),
-    log_fault("rotor clock rate", ROTORS, (0.995, 1.01, 1.03), _TIMES, "stamps"),
     log_fault("IMU clock set back", IMU, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
     log_fault("poses' clock set back", POSE, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
     log_fault("IMU time unit", IMU, (1e3, 1e6, 1e9), _TIMES, "stamps unit"),

@@ -15,12 +15,12 @@ from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Flight, Series, why_left_out
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, DriveSamples
 from tombo_diagnosis.rotor_demand import MODES
+from tombo_diagnosis.track_smoothing import smooth_track
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.even_flight import EvenFlight, even_times, resample, turns_at, usable_turns
 from tombo_logs.checks.spans import Mask, inside, interpolated, merged, runs, sample_interval
-from tombo_logs.checks.track_smoothing import smooth_track
 
 _SUPPLY_S = 5.0
 """Over which the voltage is averaged: long against manoeuvres, short against a discharge."""

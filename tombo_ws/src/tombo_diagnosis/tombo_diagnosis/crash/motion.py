@@ -14,6 +14,7 @@ from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.control.oscillation import course_rates, needed_rates
 from tombo_diagnosis.control.signals import ControlSignals, control_signals
 from tombo_diagnosis.rotor_demand import EXPONENT
+from tombo_diagnosis.track_smoothing import position_noise, smooth_track
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
@@ -33,7 +34,6 @@ from tombo_logs.checks.ground import ground_spans
 from tombo_logs.checks.recording import recorded
 from tombo_logs.checks.series_cleaning import nothing_left
 from tombo_logs.checks.spans import Mask, check_extent, inside, interpolated, sample_interval
-from tombo_logs.checks.track_smoothing import position_noise, smooth_track
 
 RATE: Final = 100.0
 """Hz of the clock."""

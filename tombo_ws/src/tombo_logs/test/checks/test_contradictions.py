@@ -27,7 +27,7 @@ def euler(degrees_in, degrees_out):
     return change
 
 
-def turned(*angles):
+def with_turn(*angles):
     def change(q):
         return (Rotation.from_quat(q) * Rotation.from_euler("xyz", angles, degrees=True)).as_quat()
 
@@ -75,21 +75,21 @@ def test_the_axes_it_suggests_are_the_right_ones():
 
 
 def test_a_turned_rigid_body_is_a_fault_with_its_correction():
-    off = with_values(FLIGHT, "attitude", turned(4.0, -3.0, 35.0))
+    off = with_values(FLIGHT, "attitude", with_turn(4.0, -3.0, 35.0))
     checked = check_log(off)
     (fault,) = [f for f in checked.findings if f.severity == "fault"]
     assert (fault.check, fault.channel) == ("frame", "attitude")
     assert not IMU & set(checked.series)
     text = fault.message.partition("turn_deg: [")[2].partition("]")[0]
     angles = [float(x) for x in text.split(",")]
-    back = check_log(with_values(off, "attitude", turned(*angles)))
+    back = check_log(with_values(off, "attitude", with_turn(*angles)))
     assert set(back.series) == set(FLIGHT.series)
     assert not [f for f in back.findings if f.check == "frame"]
 
 
 @pytest.mark.parametrize(("yaw", "severity"), [(3.0, "info"), (8.0, "warning")])
 def test_a_slightly_turned_one_is_left_to_the_diagnosis(yaw, severity):
-    checked = check_log(with_values(FLIGHT, "attitude", turned(0.0, 0.0, yaw)))
+    checked = check_log(with_values(FLIGHT, "attitude", with_turn(0.0, 0.0, yaw)))
     assert set(checked.series) == set(FLIGHT.series)
     (note,) = [f for f in checked.findings if f.check == "frame"]
     assert note.severity == severity and f"yaw {yaw}" in note.message
@@ -109,7 +109,7 @@ def test_a_slightly_turned_one_is_left_to_the_diagnosis(yaw, severity):
         ("attitude", lambda q: 3.0 * q, "attitude.*norm 3"),
         ("attitude", euler(True, False), "attitude.*degrees declared as radians"),
         ("attitude", euler(False, True), "attitude.*radians declared as degrees"),
-        ("attitude", turned(180.0, 0.0, 0.0), "attitude: body z points along"),
+        ("attitude", with_turn(180.0, 0.0, 0.0), "attitude: body z points along"),
         ("position", lambda p: 0.0 * p, "position: one value throughout"),
     ],
 )
@@ -146,7 +146,7 @@ def test_ned_for_enu_is_refused_also_in_hover(width, channels):
         check_log(off.with_series({name: off.series[name] for name in channels}))
 
 
-def sunk(log):
+def with_descent(log):
     """A flight from its hover on, which then goes 0.6 m lower; motors hold it."""
     drop = 0.6 * smooth_step(np.arange(0.0, 40.0, 0.01) - 2.0)
     series = {}
@@ -161,7 +161,7 @@ def sunk(log):
 
 @pytest.mark.parametrize("only_poses", [False, True])
 def test_a_flight_that_begins_in_a_steady_hover_and_goes_lower_is_none(only_poses):
-    flight = sunk(made_flight(width=0.3))
+    flight = with_descent(made_flight(width=0.3))
     z = flight.series["position"].values[:, 2]
     assert np.ptp(z[:60]) < 0.004 and np.median(z) < z[0] - 0.3
     checked = check_log(poses_only(flight) if only_poses else flight)
@@ -192,7 +192,7 @@ def test_effects_of_the_registry_are_no_contradictions():
     """Sizes that the diagnosis has to name: bias, scale, lever arm, marker offset, tilt."""
     flight = with_values(FLIGHT, "accel", lambda a: 1.1 * a + [0.9, -0.9, 0.5])
     flight = with_values(flight, "gyro", lambda w: w + np.array([0.2, -0.1, 0.1]))
-    flight = with_values(flight, "attitude", turned(3.0, -3.0, 10.0))
+    flight = with_values(flight, "attitude", with_turn(3.0, -3.0, 10.0))
     flight = with_values(flight, "position", lambda p: p + np.array([0.0, 0.0, 0.1]))
     checked = check_log(flight)
     assert set(checked.series) == set(FLIGHT.series)

@@ -1,4 +1,4 @@
-"""Crashes, contacts, jumps of the motion capture, the ground, and changes of the vehicle."""
+"""Crashes, contacts, jumps of the motion capture, and the ground."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ from tombo_logs.checks.series_cleaning import without_wrong_poses
 FLIGHT = made_flight(duration=24.0)
 
 
-def cut(log, begin=-1.0, end=99.0):
+def part_of(log, begin=-1.0, end=99.0):
     series = {}
     for name, s in log.series.items():
         keep = (s.t > begin) & (s.t < end)
@@ -44,7 +44,7 @@ def pushed(channel, rows, push):
     return with_values(FLIGHT, channel, change)
 
 
-def found(log, check):
+def findings_by(log, check):
     return [f for f in log.findings if f.check == check]
 
 
@@ -55,37 +55,37 @@ def found(log, check):
 )  # fmt: skip
 def test_a_strike_is_found_in_the_poses_and_set_apart_with_the_recovery(name, first, last):
     """Times of contact from the simulation's truth, which the checks don't see."""
-    (contact,) = found(check_log(recorded(name)), "contact")
+    (contact,) = findings_by(check_log(recorded(name)), "contact")
     assert first - 0.5 < contact.start_s < first
     assert last + 1.9 < contact.end_s < last + 2.4
 
 
 def test_a_strike_that_ends_on_the_ground_is_a_crash():
     checked = check_log(recorded("soft_strike_3"))
-    (crash,) = found(checked, "crash")
+    (crash,) = findings_by(checked, "crash")
     assert 22.6 < crash.start_s < 23.11
     assert checked.exclude[-1][1] == checked.series["position"].t[-1]
 
 
 def test_a_blow_to_the_accelerometer_is_a_contact():
     blow = pushed("accel", slice(2400, 2404), [50.0, 0.0, 20.0])
-    (contact,) = found(check_log(blow), "contact")
+    (contact,) = findings_by(check_log(blow), "contact")
     assert contact.start_s == pytest.approx(11.75, abs=0.02)
     assert contact.end_s == pytest.approx(14.0, abs=0.05)
 
 
 def test_a_blow_at_landing_is_none():
     checked = check_log(pushed("accel", int((24.0 - STAND) * 200), [0.0, 0.0, 400.0]))
-    assert not found(checked, "contact") and not found(checked, "crash")
+    assert not findings_by(checked, "contact") and not findings_by(checked, "crash")
 
 
 @pytest.mark.parametrize("only_poses", [False, True])
 def test_markers_that_swap_are_no_contact(only_poses):
     flight = pushed("position", slice(1200, 1204), [0.4, 0.0, 0.0])
     checked = check_log(poses_only(flight) if only_poses else flight)
-    (jump,) = found(checked, "jump")
+    (jump,) = findings_by(checked, "jump")
     assert jump.start_s < 12.0 < 12.04 < jump.end_s < 13.0
-    assert not found(checked, "contact")
+    assert not findings_by(checked, "contact")
 
 
 @pytest.mark.parametrize("only_poses", [False, True])
@@ -95,12 +95,12 @@ def test_single_wrong_poses_are_left_out_alone(only_poses):
         "position", rows, [[0.03, 0.0, 0.0], [0.0, 0.08, 0.0], [0, 0, 0.05], [0, 1, 0]]
     )
     checked = check_log(poses_only(flight) if only_poses else flight)
-    (said,) = found(checked, "jump")
+    (said,) = findings_by(checked, "jump")
     assert said.severity == "info" and "up to 100 cm" in said.message and ": 4," in said.message
     left = FLIGHT.series["position"].t[rows]
     assert not np.isin(left, checked.series["position"].t).any()
     assert checked.series["position"].t.size == FLIGHT.series["position"].t.size - len(rows)
-    assert not found(checked, "contact") and len(checked.exclude) == 2  # on the ground
+    assert not findings_by(checked, "contact") and len(checked.exclude) == 2  # on the ground
 
 
 @pytest.mark.parametrize("samples", [0, 2, 3])
@@ -127,7 +127,7 @@ def test_a_turn_that_the_gyro_confirms_is_a_manoeuvre(gyro_at, said):
 
 def test_a_fall_out_of_the_air_is_a_crash():
     """The log ends soon after the vehicle has turned over."""
-    flight = cut(FLIGHT, end=14.0)
+    flight = part_of(FLIGHT, end=14.0)
 
     def over(values):
         t = flight.series["attitude"].t
@@ -136,7 +136,7 @@ def test_a_fall_out_of_the_air_is_a_crash():
         return np.where((t > 13.0)[:, None], values, FLIGHT.series["attitude"].values[: t.size])
 
     checked = check_log(poses_only(with_values(flight, "attitude", over)))
-    (crash,) = found(checked, "crash")
+    (crash,) = findings_by(checked, "crash")
     assert 12.5 < crash.start_s < 13.5 and crash.end_s > 13.9
 
 
@@ -149,7 +149,7 @@ def test_the_ground_is_set_apart_and_the_flight_is_not():
 
 
 def test_a_flight_that_begins_and_ends_in_the_air_has_no_ground():
-    air = cut(FLIGHT, 6.0, 18.0)
+    air = part_of(FLIGHT, 6.0, 18.0)
     assert not check_log(air).exclude and not check_log(poses_only(air)).exclude
 
 
@@ -179,33 +179,33 @@ def test_a_low_hover_is_no_ground(commands):
     checked = check_log(low_hover(commands))
     (first, second) = checked.exclude
     assert 1.3 < first[1] < 2.0 and 18.0 < second[0] < 18.8
-    assert not found(checked, "set apart")
+    assert not findings_by(checked, "set apart")
 
 
 def test_much_airborne_time_set_apart_is_a_warning():
     imu = {name: FLIGHT.series[name] for name in ("gyro", "accel")}
     short = {n: Series(s.t[s.t < 15.0], s.values[s.t < 15.0]) for n, s in imu.items()}
-    (said,) = found(check_log(with_series(FLIGHT, **short)), "set apart")
+    (said,) = findings_by(check_log(with_series(FLIGHT, **short)), "set apart")
     assert said.severity == "warning" and "s in the air are set apart (gap" in said.message
-    assert not found(check_log(FLIGHT), "set apart")
+    assert not findings_by(check_log(FLIGHT), "set apart")
 
 
 def test_the_model_of_another_vehicle_is_refused():
     """A hover at 400 rad/s; the model's vehicle is nine times as heavy, or as heavy."""
-    assert not found(check_log(FLIGHT, Hover("ours", 1.3, 420.0)), "vehicle")
+    assert not findings_by(check_log(FLIGHT, Hover("ours", 1.3, 420.0)), "vehicle")
     with pytest.raises(
         InputError, match=r"carry 0\.1\d kg in flight, not 1\.3 kg.*another vehicle"
     ):
         check_log(FLIGHT, Hover("ours", 1.3, 1200.0))
     # a log that says its airframe is not held against ours
     foreign = replace(FLIGHT, airframe=Airframe("theirs", 0.1, 0.1, 0.05))
-    assert not found(check_log(foreign, Hover("ours", 1.3, 1200.0)), "vehicle")
+    assert not findings_by(check_log(foreign, Hover("ours", 1.3, 1200.0)), "vehicle")
 
 
 @pytest.mark.parametrize("idle", [0.0, 80.0])
 def test_a_log_cut_before_take_off_does_not_fly(idle):
     """Motors off or idling: no other vehicle, which "carries 0 kg"."""
-    log = cut(FLIGHT, end=STAND - 0.35)
+    log = part_of(FLIGHT, end=STAND - 0.35)
     for channel in ("rotor_speed", "rotor_command"):
         log = with_values(log, channel, lambda s: s + idle)
     with pytest.raises(InputError, match=r"it does not fly.*cut before take-off") as refusal:
@@ -220,19 +220,6 @@ def test_hovering_at_two_heights_is_not_standing():
     climb = 1.0 + 0.8 / (1.0 + np.exp(-(t - 15.0) * 3.0))
     wander[:, 2] += climb
     assert not check_log(hover(wander, 5)).exclude
-
-
-def test_a_load_that_drops_is_a_change_point():
-    t = FLIGHT.series["accel"].t[:, None]
-    lighter = with_values(FLIGHT, "accel", lambda a: a * np.where(t > 12.0, 1.12, 1.0))
-    (change,) = found(check_log(lighter), "change")
-    assert change.start_s == pytest.approx(12.0, abs=0.5) and "12 % more" in change.message
-
-
-def test_a_battery_that_sags_is_none():
-    t = FLIGHT.series["accel"].t[:, None]
-    sagging = with_values(FLIGHT, "accel", lambda a: a * (1.0 - 0.01 * t))
-    assert not found(check_log(sagging), "change")
 
 
 @pytest.mark.parametrize(
@@ -257,11 +244,11 @@ def test_commands_in_another_order_are_told_by_the_gyro():
     flight = with_series(FLIGHT, rotor_speed=None)
     checked = check_log(with_values(flight, "rotor_command", lambda s: s[:, [0, 3, 1, 2]]))
     assert "rotor_command" not in checked.series
-    (said,) = found(checked, "rpm")
+    (said,) = findings_by(checked, "rpm")
     assert "front_right, rear_right, rear_left, front_left" in said.message
 
 
 def test_saturated_motors_are_said():
     flight = with_values(FLIGHT, "rotor_command", lambda s: np.minimum(s, 404.0))
-    (said,) = found(check_log(flight), "saturation")
+    (said,) = findings_by(check_log(flight), "saturation")
     assert "rotor_command" in said.message and "%" in said.message

@@ -47,14 +47,14 @@ def flight(steady=(0.0, 0.0), swing=0.0, lean=0.0, offset=0.0, map_rates=False):
     return replace(log, airframe=Airframe("unknown", 2.0, 0.2, 0.1))
 
 
-def said(log):
+def wind_text(log):
     """Findings on wind."""
     return " ".join(f.message for f in check_log(log).findings if f.check == "wind")
 
 
 @pytest.mark.parametrize("map_rates", [False, True])
 def test_steady_wind_is_told_with_its_force_and_by_drag_its_speed(map_rates):
-    text = said(flight(steady=(1.2, -1.6), map_rates=map_rates))
+    text = wind_text(flight(steady=(1.2, -1.6), map_rates=map_rates))
     size, spread = (float(x) for x in text.split("a steady ")[1].split(" N ")[0].split(" ± "))
     assert abs(size - 4.0) < spread < 1.5  # 2 kg by 2 m/s^2
     assert "towards 307 deg" in text
@@ -62,7 +62,7 @@ def test_steady_wind_is_told_with_its_force_and_by_drag_its_speed(map_rates):
 
 
 def test_wind_that_swings_is_told_with_amplitude_and_frequency():
-    text = said(flight(swing=1.0))
+    text = wind_text(flight(swing=1.0))
     assert "to and fro at 0.30 Hz" in text and "a steady" not in text
     assert float(text.split("own drag, ")[1].split(" N ")[0]) == pytest.approx(2.0, rel=0.1)
 
@@ -78,7 +78,7 @@ def test_the_speed_is_not_told_where_drag_is_not_known():
         "accel": np.tile(body.inv().apply([0.0, 0.0, GRAVITY]), (t.size, 1)),
     }
     noisy = {n: Series(t, v + 5e-4 * rng.standard_normal(v.shape)) for n, v in values.items()}
-    text = said(log.with_series(noisy))
+    text = wind_text(log.with_series(noisy))
     assert "not known without the drag coefficient" in text and "towards 0 deg" in text
 
 
@@ -86,4 +86,4 @@ def test_the_speed_is_not_told_where_drag_is_not_known():
     "fault", [{}, {"lean": np.radians(4.0)}, {"offset": 0.8}, {"steady": (0.15, 0.1)}]
 )
 def test_no_wind_is_told_of_a_leaning_body_an_offset_or_a_breath(fault):
-    assert not said(flight(**fault))
+    assert not wind_text(flight(**fault))

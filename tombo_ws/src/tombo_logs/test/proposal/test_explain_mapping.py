@@ -24,12 +24,12 @@ def proposed(path, content):
     return text, read_log(path, "a", parse_mapping(text, "m"))
 
 
-def doubts(text):
+def doubtful_lines(text):
     """Keys of the lines that are marked as doubtful."""
     return re.findall(r"DOUBTFUL:(?:.*\n)(?:\s*#.*\n)*\s*(\w+):", text)
 
 
-FLOWN = {
+FLIGHT_TABLE = {
     "position": (tables.P, 1e-9),
     "gyro": (tables.GYRO, 1e-9),
     "accel": (tables.ACCEL, 1e-9),
@@ -44,11 +44,11 @@ def test_a_crazyflies_table_gives_back_its_flight(tmp_path):
     """Its own estimate is not a motion capture; its weight is not in the file."""
     text, log = proposed(tmp_path / "a.csv", tables.crazyflie())
     for channel in ("position", "gyro", "accel", "motor_command", "voltage"):
-        values, tolerance = FLOWN[channel]
+        values, tolerance = FLIGHT_TABLE[channel]
         np.testing.assert_allclose(log.series[channel].values, values, atol=tolerance)
     turns = Rotation.from_quat(log.series["attitude"].values).inv() * tables.TURN
     assert turns.magnitude().max() < 1e-6
-    assert doubts(text) == ["position", "attitude", "gyro", "voltage", "airframe"]
+    assert doubtful_lines(text) == ["position", "attitude", "gyro", "voltage", "airframe"]
     assert np.ptp(log.series["position"].t) == pytest.approx(np.ptp(tables.T), abs=0.02)
 
 
@@ -62,7 +62,7 @@ def test_axes_are_doubtful_and_the_checks_say_that_they_are_wrong(tmp_path):
     assert channels["attitude"].order == "wxyz" and channels["rotor_speed"].unit == "rpm"
     assert (channels["gyro"].unit, channels["accel"].unit) == ("rad/s", "m/s^2")
     assert channels["motor_command"].range == (0.0, 1.0)
-    assert {"world", "body", "attitude", "motor_command"} <= set(doubts(text))
+    assert {"world", "body", "attitude", "motor_command"} <= set(doubtful_lines(text))
     assert re.search(r"The checks say: .*(NED|FRD|upside)", " ".join(text.split()))
 
 

@@ -69,7 +69,7 @@ def test_a_name_or_a_file_is_loaded(tmp_path):
     assert load_mapping("nanobench").airframe.mass == 0.027
     with pytest.raises(InputError, match="did you mean 'nanobench'"):
         load_mapping("nanobenhc")
-    with pytest.raises(InputError, match="is no file"):
+    with pytest.raises(InputError, match="does not exist"):
         load_mapping(tmp_path / "none.yaml")
 
 

@@ -75,7 +75,7 @@ def test_a_mapping_brings_airframe_and_turn_to_recordings(tmp_path):
         (b"", "is empty"),
         (b"\x7fELF\x02\x01\x01\0\0\0", "no log that is known"),
         (b"\x89MCAP0\r\n", "has no poses|holds no|no recording|MCAP"),
-        (b"\x55\x4c\x6f\x67\x01\x12\x35\x01", "no whole ULog"),
+        (b"\x55\x4c\x6f\x67\x01\x12\x35\x01", "not a whole ULog"),
         (b"SQLite format 3\0", "."),
         (b"#ROSBAG V1.2\n", "version"),
     ],

@@ -34,11 +34,6 @@ STREAMS = {
                   lambda i: items("esc_telemetry", i, voltage=1500)),
     "pulses": ("/mavros/rc/out", "mavros_msgs/msg/RCOut", "motor_command",
                lambda i: {"channels": np.round(1000.0 + 1000.0 * SHARE[i]).astype(int)}),
-    "joints": ("/joint_states", "sensor_msgs/msg/JointState", "rotor_speed",
-               lambda i: {"name": ["rotor_1_joint", "gimbal", "rotor_0_joint", "rotor_3_joint",
-                                   "rotor_2_joint"],
-                          "velocity": np.insert(SPEED.values[i, [1, 0, 3, 2]] * [1, 1, -1, -1],
-                                                1, 77.0)}),
 }  # fmt: skip
 
 

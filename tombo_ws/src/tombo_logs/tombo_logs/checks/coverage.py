@@ -12,7 +12,7 @@ from tombo_logs.checks.clocks.gaps import gap_spans
 from tombo_logs.checks.spans import Span, inside, merged
 
 IMU = ("gyro", "accel")
-_HELD = ("rotor_command", "motor_command")
+_HOLD_VALUE = ("rotor_command", "motor_command")
 """Channels that count as held between samples: not over long gaps."""
 _LATE_S = 0.3
 """s that a channel may begin late, end early or not be there."""
@@ -62,7 +62,7 @@ def parts(
             continue
         t = series[name].t
         lost = [(begin, float(t[0])), (float(t[-1]), end)]
-        if name in _HELD:
+        if name in _HOLD_VALUE:
             lost += gap_spans(t)
         lost = [(b, e) for b, e in lost if e - b > _LATE_S and _length([(b, e)], down) > _LATE_S]
         missing = sum(_length([span], down) for span in lost)

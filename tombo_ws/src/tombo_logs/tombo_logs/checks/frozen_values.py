@@ -12,8 +12,8 @@ _LINE = 3e-4
 """How far off a straight line, against its rise, values are that still lie on it."""
 _NOISY = 0.05
 """Usual distance of a measured value from the mean of its neighbours, over their difference."""
-_SHORT_S, _LONG_S = 0.08, 0.4
-"""Straight lines are reported from the first length on, and excluded from the second."""
+_SHORT_S, _MIN_LENGTH_S = 0.08, 0.4
+"""Straight lines count from the first length on, and are reported from the second."""
 _FROZEN_S = 0.1
 
 
@@ -75,21 +75,13 @@ def interpolated_spans(t: Array, values: Array) -> list[Span]:
 
 
 def drawn(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:
-    """Report where a channel is a straight line: long ones one by one, all short ones together."""
-    spans = interpolated_spans(t, values)
+    """Report where a channel is a straight line for long; these spans are not measurements."""
     findings = []
-    for begin, end in spans:
-        if end - begin < _LONG_S:
+    for begin, end in interpolated_spans(t, values):
+        if end - begin < _MIN_LENGTH_S:
             continue
         last = end >= t[-1] - 2.0 * sample_interval(t)
         why = " to the end: extrapolated" if last else ": interpolated"
         text = f"{channel}: a straight line over {end - begin:.2f} s{why}, not measured; set apart"
         findings.append(Finding("frozen", "fault", flight, text, begin, end, channel))
-    short = [end - begin for begin, end in spans if end - begin < _LONG_S]
-    if short:
-        text = (
-            f"{channel}: {len(short)} gaps of {min(short):.2f} to {max(short):.2f} s are filled "
-            "with straight lines"
-        )
-        findings.append(Finding("gap", "info", flight, text, channel=channel))
     return findings

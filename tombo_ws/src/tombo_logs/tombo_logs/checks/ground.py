@@ -13,7 +13,7 @@ from tombo_logs.checks.spans import Mask, Span, merged, runs, sample_interval, w
 
 _RISE = 0.12
 """m that a flight goes above the ground, at least."""
-_NEAR = 0.03
+_GROUND_BAND_M = 0.03
 """m above where it stands: no longer on the ground."""
 _STILL = 0.03
 """m/s below which a vehicle stands."""
@@ -81,7 +81,7 @@ def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
     for begin, end in runs(still | off):
         # from where it stands on, so long as it stays low: lift-off is slow at first
         level = float(np.median(z[begin:end]))
-        if top - level < _RISE or level > floor + _NEAR + _RISE:
+        if top - level < _RISE or level > floor + _GROUND_BAND_M + _RISE:
             continue
         known = drive[begin:end][np.isfinite(drive[begin:end])]
         if known.size:
@@ -91,16 +91,16 @@ def ground_spans(position: Series, series: Mapping[str, Series]) -> list[Span]:
             standing = _is_still(t[begin:end], position.values[begin:end])
         if not standing:
             continue
-        low = z < level + _NEAR
+        low = z < level + _GROUND_BAND_M
         first, last = begin, end - 1
         while first > 0 and low[first - 1]:
             first -= 1
         while last < t.size - 1 and low[last + 1]:
             last += 1
         spans.append((_touch_down(t, z, first, level, top), float(t[last]) + _MARGIN_S))
-    if spans and z[-1] < floor + _NEAR and t[-1] > spans[-1][1]:
+    if spans and z[-1] < floor + _GROUND_BAND_M and t[-1] > spans[-1][1]:
         # the log ends before it stands still
-        last = int(np.flatnonzero(z >= floor + _NEAR)[-1]) + 1
+        last = int(np.flatnonzero(z >= floor + _GROUND_BAND_M)[-1]) + 1
         touched = _touch_down(t, z, last, floor, top)
         fall = np.interp(touched - _FALL_S, t, z) - np.interp(touched, t, z)
         if fall < _LANDING * _FALL_S:  # else it fell: a crash
@@ -173,7 +173,7 @@ def _touch_down(t: Array, z: Array, first: int, level: float, top: float) -> flo
     """Return when a descent first touched the ground: it may hop after that."""
     high = np.flatnonzero(z[:first] > level + 0.5 * (top - level))
     begin = int(high[-1]) if high.size else first
-    low = np.flatnonzero(z[begin : first + 1] < level + _NEAR + 0.02)
+    low = np.flatnonzero(z[begin : first + 1] < level + _GROUND_BAND_M + 0.02)
     touched = begin + int(low[0]) if low.size else first
     # it may have happened at any time since the pose before
     return float(t[max(touched - 1, 0)]) - (_MARGIN_S if touched > 0 else 0.0)

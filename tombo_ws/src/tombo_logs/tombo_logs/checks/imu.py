@@ -28,7 +28,7 @@ _DRAG_SEEN = 0.9
 """Sum of both correlations that decides on the axes."""
 _DRAG_CLEAR = 0.5
 """By how much the correlations of other axes of the accelerometer must be higher than ours."""
-TURNED = np.radians(20.0)
+MAX_TURN_RAD = np.radians(20.0)
 """Turn between motion capture and IMU that is a fault; the diagnosis fits smaller ones."""
 _YAWED = np.radians(5.0)
 """Turn from which on a warning says so: few define a rigid body so badly."""
@@ -139,7 +139,7 @@ def check_gyro(flight: str, motion: EvenFlight) -> tuple[list[Finding], float | 
             f"{guess(together.scale, 'angle', 'turning')}; gyro and accel are left out"
         )
         return [Finding("unit", "fault", flight, text, channel="gyro")], together.scale
-    findings = _turned(flight, together)
+    findings = _turn_findings(flight, together)
     if not any(f.severity == "fault" for f in findings):
         findings += gyro_scales(flight, motion, late.lag if late else 0.0)
     if late is not None and abs(late.lag) >= max(_LATE_S, 3.0 * late.sigma):
@@ -170,7 +170,7 @@ def _check_gyro_scale(flight: str, motion: EvenFlight) -> tuple[list[Finding], f
     return [Finding("unit", "fault", flight, text, channel="gyro")], ratio
 
 
-def _turned(flight: str, together: Alignment) -> list[Finding]:
+def _turn_findings(flight: str, together: Alignment) -> list[Finding]:
     matrix = together.turn.as_matrix() * (-1.0 if together.mirrored else 1.0)
     axes = _axes_of(matrix.T)
     channel = "gyro"
@@ -179,7 +179,7 @@ def _turned(flight: str, together: Alignment) -> list[Finding]:
         text = "gyro: turns mirrored to the attitude; expected: both right-handed"
         if np.allclose(matrix, -np.eye(3), atol=0.4):
             text += "; is the attitude base_link from map?"
-    elif together.angle > max(TURNED, 3.0 * together.sigma):
+    elif together.angle > max(MAX_TURN_RAD, 3.0 * together.sigma):
         roll, pitch, yaw = together.turn.inv().as_euler("xyz", degrees=True)
         turn = f"turn_deg: [{roll:.1f}, {pitch:.1f}, {yaw:.1f}] if the attitude is"
         angles = (

@@ -19,12 +19,11 @@ from tombo_logs.checks.even_flight import EvenFlight, in_body, poses_and_imu
 from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
 from tombo_logs.checks.recording import drop_faulty, recorded
 from tombo_logs.checks.rotors import motors, rotor_order
-from tombo_logs.checks.rotors.change_points import changes
 from tombo_logs.checks.rotors.hover import Hover, check_vehicle
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
 from tombo_logs.checks.scales import accel_offsets, rotor_scales, track_scales
 from tombo_logs.checks.series_cleaning import without_wrong_poses
-from tombo_logs.checks.spans import Mask, Span, inside, merged, thinned
+from tombo_logs.checks.spans import Mask, Span, inside, merged
 from tombo_logs.checks.wind import wind
 
 POSE = ("position", "attitude")
@@ -98,7 +97,6 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     findings += more
     findings += _wind(log, series, apart, hover)
     findings += _motors(log.name, series, apart, None if log.airframe is not None else hover)
-    findings += _changes(log.name, series, apart)
     position = series["position"]
     findings += arrival_stamps(log.name, position.t, position.arrival)
     for name, s in series.items():
@@ -234,7 +232,6 @@ def _consistent(
     findings = [*about_map, *findings]
     wrong = any(f.severity == "fault" for f in findings)
     poses.check_poses(flight, motion, scale, imu=not wrong)
-    poses.check_lean(flight, motion)
     poses.check_up(flight, motion)
     if not wrong:
         axes = imu.check_accel_axes(flight, motion)
@@ -318,17 +315,6 @@ def _motors(
             series, check_vehicle(flight, drives, hover, rises(series["position"]))
         )
     return findings
-
-
-def _changes(flight: str, series: dict[str, Series], apart: list[Span]) -> list[Finding]:
-    drivers = [n for n in DRIVES if n in series]
-    if "accel" not in series or not drivers:
-        return []
-    accel, drive = series["accel"], series[drivers[0]]
-    t, force = thinned(accel.t, accel.values[:, 2], 0.02)
-    asked = np.interp(t, drive.t, np.mean(drive.values**2, axis=1))
-    rows = ~inside(t, apart) & (t >= drive.t[0]) & (t <= drive.t[-1])
-    return changes(flight, t[rows], force[rows], asked[rows])
 
 
 def _extent(series: Series) -> Span:

@@ -114,7 +114,7 @@ def tilt_response(motion: EvenFlight) -> tuple[Array, float] | None:
     up, acceleration = motion.up[motion.valid], motion.acceleration[motion.valid, :2]
     if len(acceleration) < 100:
         return None
-    expected = _centred(_lean(up) * GRAVITY)
+    expected = _centred(_horizontal_over_vertical(up) * GRAVITY)
     acceleration = _centred(acceleration)
     if max(_rms(expected), _rms(acceleration)) < 0.2 or _rms(expected) < 2e-3:
         return None
@@ -122,15 +122,12 @@ def tilt_response(motion: EvenFlight) -> tuple[Array, float] | None:
     return np.asarray(response.T), _explained(acceleration - expected @ response, acceleration)
 
 
-def lean_explains(
-    motion: EvenFlight, rows: NDArray[np.intp], axes: Array | None = None, inverse: bool = False
-) -> float:
+def lean_explains(motion: EvenFlight, rows: NDArray[np.intp], axes: Array | None = None) -> float:
     """Return the share of the horizontal acceleration that thrust along body z explains.
 
-    Of these rows; `axes` (2, 2): world x, y from those of the track; `inverse`: of the attitude.
+    Of these rows; `axes` (2, 2): world x, y from those of the track.
     """
-    turn = Rotation.from_quat(motion.attitude[rows])
-    expected = _centred(_lean((turn.inv() if inverse else turn).apply([0.0, 0.0, 1.0])) * GRAVITY)
+    expected = _centred(_horizontal_over_vertical(motion.up[rows]) * GRAVITY)
     acceleration = _centred(motion.acceleration[rows, :2])
     if axes is not None:
         acceleration = acceleration @ axes.T
@@ -151,7 +148,7 @@ def vertical_response(motion: EvenFlight) -> tuple[float, float] | None:
         force = Rotation.from_quat(motion.attitude[usable]).apply(motion.accel[usable])
         expected, acceleration = force[:, 2:], motion.acceleration[usable, 2:]
     else:
-        lean = _lean(motion.up[usable])
+        lean = _horizontal_over_vertical(motion.up[usable])
         expected, acceleration = (
             motion.acceleration[usable, 2:] * lean,
             motion.acceleration[usable, :2],
@@ -228,7 +225,7 @@ def _fit(w: Array, g: Array) -> Array:
     return np.asarray(g - w @ coefficients)
 
 
-def _lean(up: Array) -> Array:
+def _horizontal_over_vertical(up: Array) -> Array:
     """Return (N, 2): horizontal over vertical part of body z (N, 3)."""
     return np.asarray(up[:, :2] / np.maximum(np.abs(up[:, 2:]), 0.2))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import product
 
 import numpy as np
 
@@ -76,56 +75,17 @@ def check_tilt(flight: str, motion: EvenFlight) -> None:
         )
 
 
-def check_lean(flight: str, motion: EvenFlight) -> None:
-    """Refuse poses whose track goes with its lean only once one of them is turned over.
-
-    Thrust along body z gives the track's horizontal acceleration. Tried are the inverse attitude,
-    and the track with axes swapped or reversed.
-    """
+def _right_throughout(motion: EvenFlight, axes: Array) -> bool:
+    """Return whether axes (2, 2) explain clearly more than ours, in each part that accelerates."""
     rows = np.flatnonzero(motion.valid)
-    if rows.size < 100:
-        return
-    share = lean_explains(motion, rows)
-    others: dict[str, tuple[Array | None, bool]] = {
-        "attitude: its inverse does; is it base_link from map? Expected: map from base_link": (
-            None,
-            True,
-        )
-    }
-    for order in ((0, 1), (1, 0)):
-        for signs in product((1.0, -1.0), repeat=2):
-            axes = [("-" if g < 0.0 else "") + "xy"[k] for k, g in zip(order, signs, strict=True)]
-            text = (
-                f"position: with its {', '.join(axes)} as x, y it does; expected: ENU, as attitude"
-            )
-            others[text] = np.eye(2)[list(order)] * np.array(signs)[:, None], False
-    shares = {text: lean_explains(motion, rows, *way) for text, way in others.items()}
-    best = max(shares, key=lambda text: shares[text])
-    if _are_right(share, shares[best]) and _right_throughout(motion, *others[best]):
-        raise RefusedLog(
-            flight,
-            "attitude",
-            f"the lean of the attitude does not give the acceleration of the "
-            f"position ({100 * max(share, 0.0):.0f} % explained, else "
-            f"{100 * shares[best]:.0f} %); {best}",
-        )
-
-
-def _are_right(share: float, other: float) -> bool:
-    """Return whether other axes explain clearly more than the present ones."""
-    return other > _EXPLAINED and 1.0 - other < _CONTRADICTED * (1.0 - share)
-
-
-def _right_throughout(
-    motion: EvenFlight, axes: Array | None = None, inverse: bool = False
-) -> bool:
-    """Return whether other axes are the right ones in each part of the flight that accelerates."""
-    rows = np.flatnonzero(motion.valid)
+    parts = np.array_split(rows, _PARTS)
     least = motion.acceleration[rows, :2].std() / _PARTS
+    moving = [part for part in parts if motion.acceleration[part, :2].std() > least]
+    ours = [lean_explains(motion, part) for part in moving]
+    others = [lean_explains(motion, part, axes) for part in moving]
     return all(
-        _are_right(lean_explains(motion, part), lean_explains(motion, part, axes, inverse))
-        for part in np.array_split(rows, _PARTS)
-        if motion.acceleration[part, :2].std() > least
+        other > _EXPLAINED and 1.0 - other < _CONTRADICTED * (1.0 - share)
+        for share, other in zip(ours, others, strict=True)
     )
 
 

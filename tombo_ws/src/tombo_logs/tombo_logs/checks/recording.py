@@ -1,6 +1,6 @@
 """What every reader of a flight needs of its recording: one body, one clock, possible values.
 
-The checks of the motion begin with it. So does the search for the cause of a crash, to which those
+The checks of the motion begin with it, and the search for the cause of a crash, to which those
 checks do not apply.
 """
 

@@ -53,7 +53,7 @@ def _twice(series: Series, last: int, usual: float) -> bool:
 
 _LARGEST = 1e7
 """Beyond it, no value of any channel is one."""
-_HELD = 0.3
+_HELD_SHARE = 0.3
 """Share of repeated values from which on a channel counts as held on a faster clock."""
 
 _WRONG_POSE, _TIMES_NOISE = 0.01, 10.0
@@ -82,7 +82,7 @@ def clean_series(flight: str, channel: str, series: Series) -> tuple[Series, lis
         series = _part(series, finite)
     share, repeats = _held_share(series)
     # rounded values repeat, too: they were measured
-    if share > _HELD and channel in _SAMPLED and not resolution(flight, channel, series):
+    if share > _HELD_SHARE and channel in _SAMPLED and not resolution(flight, channel, series):
         text = (
             f"{100 * share:.0f} % of the samples repeat the one before: a slower channel held "
             f"on a faster clock ({1.0 / max(sample_interval(series.t), 1e-9):.0f} Hz); the "

@@ -27,7 +27,7 @@ _MISTAKES = {
     },
 }
 """Quantity → by how much a mistake makes it too large."""
-_NEAR = 0.35
+_MAX_LOG_RATIO = 0.35
 """Largest logarithm of a ratio to the factor of its mistake."""
 
 
@@ -40,4 +40,4 @@ def guess(ratio: float, *quantities: str) -> str:
         if ratio > 0.0
     }
     nearest = min(close, default=math.inf)
-    return f": {close[nearest]}?" if nearest < _NEAR else ""
+    return f": {close[nearest]}?" if nearest < _MAX_LOG_RATIO else ""

@@ -106,8 +106,8 @@ def _text(
 
 def _entry(line: Line, indent: str) -> Iterable[str]:
     yield from _comment(line.why, indent)
-    if line.doubt:
-        yield from _comment(f"DOUBTFUL: {line.doubt}", indent)
+    if line.question:
+        yield from _comment(f"DOUBTFUL: {line.question}", indent)
     yield f"{indent}{line.key}: {_flow(line.content.get('', dict(line.content)))}"
 
 

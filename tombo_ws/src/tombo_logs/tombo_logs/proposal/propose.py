@@ -44,7 +44,7 @@ class Line(NamedTuple):
     key: str
     content: Mapping[str, object]
     why: str
-    doubt: str = ""
+    question: str = ""
 
 
 @dataclass

@@ -71,7 +71,7 @@ class LogMapping:
         """`turn_deg` as a rotation."""
         return Rotation.from_euler("xyz", self.turn_deg, degrees=True)
 
-    def turned(self, attitude: Series) -> Series:
+    def turn_attitude(self, attitude: Series) -> Series:
         """Return attitudes of base_link, given those of the motion capture's body."""
         same = np.eye(3)
         values = turn_attitude(attitude.values, same, same, self.turn)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tombo_bag.formats.unpacking import GZIP_MAGIC, Allowance, ungzip
+from tombo_bag.formats.unpacking import GZIP_MAGIC, Allowance, unpack_file
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_logs.readers.mocap_exports import as_table
@@ -128,7 +128,9 @@ def open_table(path: Path) -> CsvTable:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
     damage: tuple[str, ...] = ()
     if raw.startswith(GZIP_MAGIC):
-        raw, wrong = ungzip(raw, Allowance(path))
+        out = io.BytesIO()
+        wrong = unpack_file(io.BytesIO(raw), out, Allowance(path))
+        raw = out.getvalue()
         if wrong and not raw:
             raise InputError(f"'{path}' can't be unpacked: {wrong}")
         damage = (wrong,) if wrong else ()

@@ -87,8 +87,8 @@ class ForeignTopics:
                 (RANKS[typename], topic, reading.values)
             )
             text = f"{reading.channel}: from {topic} ({typename}), as PX4 orders a quad-X"
-            doubt = f"; {reading.doubt}" if reading.doubt else ""
-            self._say("info", text + doubt, reading.channel)
+            remark = f"; {reading.remark}" if reading.remark else ""
+            self._say("info", text + remark, reading.channel)
         for channel, readings in by_channel.items():
             best = min(rank for rank, _, _ in readings)
             first = [(topic, values) for rank, topic, values in readings if rank == best]

@@ -158,7 +158,7 @@ def _adapted(log: Flight, mapping: LogMapping | None) -> Flight:
         return log
     series = dict(log.series)
     if any(mapping.turn_deg) and "attitude" in series:
-        series["attitude"] = mapping.turned(series["attitude"])
+        series["attitude"] = mapping.turn_attitude(series["attitude"])
     return replace(log.with_series(series), airframe=mapping.airframe or log.airframe)
 
 

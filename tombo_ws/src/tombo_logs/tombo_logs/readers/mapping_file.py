@@ -82,7 +82,7 @@ def read_mapping(name: str, known: Mapping[str, M], parse: Parse[M]) -> M:
         if name in known:
             return known[name]
         if path.suffix in (".yaml", ".yml") or path.parent != Path():
-            raise InputError(f"mapping '{name}' is no file; {accepted}")
+            raise InputError(f"mapping '{name}' does not exist; {accepted}")
         raise unknown_name("mapping", name, [*known, "a YAML file"])
     return parse(read_text(path, f"mapping '{name}'", "a short YAML file", _LARGEST), name)
 

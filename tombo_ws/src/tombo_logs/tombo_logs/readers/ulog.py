@@ -176,7 +176,7 @@ def _opened(path: Path, topics: list[str]) -> tuple[Any, bool]:
         raise
     except _BROKEN as error:
         why = " ".join(str(error).split())[:120]
-        raise InputError(f"'{path}' is no whole ULog ({why}); accepted: a PX4 log") from error
+        raise InputError(f"'{path}' is not a whole ULog ({why}); accepted: a PX4 log") from error
 
 
 def _is_cut(raw: bytes) -> bool:

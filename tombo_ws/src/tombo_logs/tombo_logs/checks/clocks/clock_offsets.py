@@ -52,7 +52,7 @@ _MOMENTS: Final = np.array([ARM_Y, -ARM_X])
 """Rows: moment of a rotor's thrust about body x and y."""
 _AHEAD_S: Final = 0.002
 """s by which stamps may be later than arrival: two clocks that are kept together are so close."""
-_SEEN: Final = "seen"
+_SIGNAL: Final = "signal"
 """Channel (N, k): the motion as a sensor sees it, on an even clock of `RATE`; valid: measured."""
 
 
@@ -94,7 +94,7 @@ def match(first: EvenFlight, other: EvenFlight) -> Match | None:
     if min(np.count_nonzero(s.valid) for s in (first, other)) < _SHORTEST_S * RATE:
         return None
     a, b = (s.valid.astype(np.float64) for s in (first, other))
-    columns_a, columns_b = (s.channels[_SEEN].T for s in (first, other))
+    columns_a, columns_b = (s.channels[_SIGNAL].T for s in (first, other))
 
     def over(x: Array, y: Array) -> Array:
         return np.asarray(correlate(y, x, "full", "fft"))
@@ -136,7 +136,7 @@ def _throughout(first: EvenFlight, other: EvenFlight, seen: Match) -> bool:
     halves = []
     for part in np.array_split(np.flatnonzero(first.valid), 2):
         rows = slice(part[0], part[-1] + 1)
-        seen_half = {_SEEN: first.channels[_SEEN][rows]}
+        seen_half = {_SIGNAL: first.channels[_SIGNAL][rows]}
         half = EvenFlight(first.t[rows], seen_half, np.asarray(first.valid[rows]))
         halves.append(match(half, other))
     clear = [m for m in halves if m is not None and (m.is_one_clock or m.is_other_clock)]
@@ -159,11 +159,11 @@ def _signal(t: Array, values: Array, *channels: Series) -> EvenFlight | None:
     )
     limit = _OUTLIER * usual
     cut = np.where(known[:, None], np.clip(off, -limit, limit), 0.0)
-    return EvenFlight(t, {_SEEN: cut}, known)
+    return EvenFlight(t, {_SIGNAL: cut}, known)
 
 
 def _even(series: Series) -> Array:
-    """Return even times [s] over a channel; none over one that is no flight."""
+    """Return even times [s] over a channel; none over one that is too short or too long."""
     compared = series.t.size and _SHORTEST_S <= float(series.t[-1] - series.t[0]) < _LONGEST_S
     return np.arange(series.t[0], series.t[-1], 1.0 / RATE) if compared else np.zeros(0)
 
@@ -199,8 +199,8 @@ def _turning(rates: EvenFlight | None) -> EvenFlight | None:
     """Return the acceleration about body x and y (N, 2), each over its own size."""
     if rates is None:
         return None
-    values = np.gradient(rates.channels[_SEEN][:, :2], 1.0 / RATE, axis=0)
-    return replace(rates, channels={_SEEN: _scaled(values)})
+    values = np.gradient(rates.channels[_SIGNAL][:, :2], 1.0 / RATE, axis=0)
+    return replace(rates, channels={_SIGNAL: _scaled(values)})
 
 
 def _moments(drive: Series) -> EvenFlight | None:
@@ -208,7 +208,7 @@ def _moments(drive: Series) -> EvenFlight | None:
     thrust = _channel(Series(drive.t, drive.values**2))
     if thrust is None:
         return None
-    return replace(thrust, channels={_SEEN: _scaled(thrust.channels[_SEEN] @ _MOMENTS.T)})
+    return replace(thrust, channels={_SIGNAL: _scaled(thrust.channels[_SIGNAL] @ _MOMENTS.T)})
 
 
 def _scaled(values: Array) -> Array:
@@ -261,7 +261,9 @@ def one_clock(
         lag = float(np.median(lags))
         _shift(series, [*imu, *(name for names, _ in seen for name in names)], lag)
         seen = [(imu, replace(seen[0][1], lag=-lag))]
-    return series, [*findings, *(f for names, x in seen for f in _reported(flight, names, x))]
+    for names, compared in seen:
+        findings += _offset_findings(flight, names, compared)
+    return series, findings
 
 
 def _shift(series: dict[str, Series], names: Iterable[str], seconds: float) -> None:
@@ -285,26 +287,24 @@ def _together(series: Mapping[str, Series], names: Iterable[str]) -> bool:
     return bool((np.ptp(ends, axis=0) < DELAY_S).all())
 
 
-def _reported(flight: str, names: list[str], seen: Match) -> list[Finding]:
-    """Report a clock that is not that of the channels that it was compared with."""
-    channel = names[0]
-    if seen.is_other_clock:
-        text = (
-            f"{', '.join(names)}: stamps are {abs(seen.lag):.2f} s "
-            f"{'later' if seen.lag > 0.0 else 'earlier'} than those of the other channels for the "
-            "same motion: another clock; corrected by that"
-        )
-        return [
-            Finding("stamps", "warning", flight, text, channel=channel, key="other clock",
-                    numbers=(seen.lag,))
-        ]  # fmt: skip
+def _offset_findings(flight: str, names: list[str], seen: Match) -> list[Finding]:
+    """Report a clock that is not that of the compared channels, or one that can't be known."""
     if seen.is_one_clock:
         return []
+    channels, lag = ", ".join(names), seen.lag
+    severity, key = "info", "unknown clock"
+    numbers: tuple[float, ...] = ()
     text = (
-        f"{', '.join(names)}: the motion does not tell whether the stamps are of the clock of the "
-        "other channels"
+        f"{channels}: the motion does not tell whether the stamps are of the clock of the other "
+        "channels"
     )
-    return [Finding("stamps", "info", flight, text, channel=channel, key="unknown clock")]
+    if seen.is_other_clock:
+        severity, key, numbers = "warning", "other clock", (lag,)
+        text = (
+            f"{channels}: stamps are {abs(lag):.2f} s {'later' if lag > 0.0 else 'earlier'} than "
+            "those of the other channels for the same motion: another clock; corrected by that"
+        )
+    return [Finding("stamps", severity, flight, text, channel=names[0], key=key, numbers=numbers)]
 
 
 def _by_arrival(flight: str, series: dict[str, Series]) -> list[Finding]:

@@ -14,7 +14,7 @@ _NOTHING, _TURNS = 0.1, 0.5
 that reads nothing while most others turn has a sensor that fails; all four stand on the ground."""
 _ZEROS = 0.003
 """Share of samples that read nothing from which on it is reported."""
-_FEW, _FEW_BESIDE = 0.3, 0.03
+_MAX_ZERO_SHARE, _MAX_ZERO_SHARE_REPLACED = 0.3, 0.03
 """Up to this share of zeros the samples are left out: without a command, and with a command that
 could replace them."""
 _STUCK_S = 0.25
@@ -50,7 +50,9 @@ def sensor_faults(
     if not faults:
         return speed, []
     few = all(key == "zeros" for key, *_ in faults)
-    few &= float(zeros.any(axis=1).mean()) < (_FEW_BESIDE if replaced else _FEW)
+    few &= float(zeros.any(axis=1).mean()) < (
+        _MAX_ZERO_SHARE_REPLACED if replaced else _MAX_ZERO_SHARE
+    )
     kept = None
     if few:
         rows = ~(flying & lone_zeros(speed.values, _usual(values)).any(axis=1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tombo_bag.flight import Series
-from tombo_logs.checks.track_smoothing import position_noise, smooth_track
+from tombo_diagnosis.track_smoothing import position_noise, smooth_track
 
 NOISE = 0.001
 
