@@ -53,29 +53,18 @@ def compared(tmp_path: Path, a: Messages, b: Messages, kind: str = POSE) -> Comp
 
 
 def test_recording_is_equal_to_itself(tmp_path):
-    found = compared(tmp_path, poses(), poses())
-    assert found.equal and found.damage == ()
-    assert found.as_list() == [
-        {
-            "topic": "/pose",
-            "messages_a": 20,
-            "messages_b": 20,
-            "equal": True,
-            "first_difference_s": None,
-            "first_difference": None,
-            "largest": None,
-            "largest_field": None,
-            "only_in_a": 0,
-            "only_in_b": 0,
-            "fields": [],
-        }
-    ]
+    result = compared(tmp_path, poses(), poses())
+    assert result.equal and result.damage == ()
+    (topic,) = result.as_list()
+    counts = {"messages_a": 20, "messages_b": 20, "only_in_a": 0, "only_in_b": 0}
+    no_difference = dict.fromkeys(
+        ("first_difference_s", "first_difference", "largest", "largest_field")
+    )
+    assert topic == {"topic": "/pose", "equal": True, "fields": [], **counts, **no_difference}
 
 
-def test_one_changed_field_is_named_with_time_and_size(tmp_path):
-    other = poses()
-    other[7][1]["pose"]["position"]["x"] += 0.25
-    other[9][1]["pose"]["position"]["x"] -= 2.0
+def test_changed_field_is_named_with_time_and_size(tmp_path):
+    other = changed({7: 3.75, 9: 2.5})
     (topic,) = compared(tmp_path, poses(), other).as_list()
     assert topic["equal"] is False
     assert topic["first_difference_s"] == pytest.approx(0.07, abs=1e-12)
@@ -84,37 +73,81 @@ def test_one_changed_field_is_named_with_time_and_size(tmp_path):
     assert [(f["field"], f["messages"]) for f in topic["fields"]] == [("pose.position.x", 2)]
 
 
-def test_last_bit_and_sign_of_zero_are_differences(tmp_path):
-    for field, value in (("x", np.nextafter(3.5, 4.0)), ("z", -0.0)):
-        other = poses()
-        other[7][1]["pose"]["position"][field] = float(value)
-        (topic,) = compared(tmp_path, poses(), other).topics
-        assert topic.first == (EPOCH_NS + 7 * STEP_NS, f"pose.position.{field}")
+def changed(values: dict[int, float], field: str = "x") -> Messages:
+    """Return the poses with other numbers in a field of the position."""
+    messages = poses()
+    for i, value in values.items():
+        messages[i][1]["pose"]["position"][field] = float(value)
+    return messages
 
 
-def test_nan_equals_nan_and_differs_from_a_number(tmp_path):
-    one, two = poses(), poses()
-    for messages in (one, two):
-        messages[3][1]["pose"]["position"]["y"] = float("nan")
-    assert compared(tmp_path, one, two).equal
-    (topic,) = compared(tmp_path, one, poses()).as_list()
-    assert topic["first_difference"] == "pose.position.y"
-    assert topic["largest"] is None
+def without(i: int) -> Messages:
+    return poses()[:i] + poses()[i + 1 :]
 
 
-def test_missing_message_is_found_on_either_side(tmp_path):
-    less = poses()
-    del less[4]
-    for a, b, side in ((poses(), less, "A"), (less, poses(), "B")):
-        (topic,) = compared(tmp_path, a, b).topics
-        assert topic.first == (EPOCH_NS + 4 * STEP_NS, f"message in {side} only")
-        assert topic.fields == ()
-
-
-def test_order_and_times_of_receipt_do_not_matter(tmp_path):
+def received_later() -> Messages:
     times = [time for time, _ in poses()]
-    other = [(time + 5, message) for time, (_, message) in zip(times, poses()[::-1], strict=True)]
-    assert compared(tmp_path, poses(), other).equal
+    return [(time + 5, message) for time, (_, message) in zip(times, poses()[::-1], strict=True)]
+
+
+def numbers(*values: float) -> Messages:
+    return [(EPOCH_NS + i, {"data": value}) for i, value in enumerate(values)]
+
+
+def transforms(delay_ns: int) -> Messages:
+    headers = [{"stamp": stamp(EPOCH_NS + i), "frame_id": "map"} for i in range(5)]
+    return [
+        (EPOCH_NS + i * delay_ns, {"transforms": [{"header": h, "child_frame_id": "base_link"}]})
+        for i, h in enumerate(headers)
+    ]
+
+
+def joints(*names: list[str]) -> Messages:
+    return [
+        (
+            EPOCH_NS + i,
+            {
+                "header": {"stamp": stamp(EPOCH_NS + i)},
+                "name": each,
+                "position": [1.0] * len(each),
+            },
+        )
+        for i, each in enumerate(names)
+    ]
+
+
+LEFT, BOTH = ["left"], ["left", "right"]
+FLOAT, TRANSFORMS, JOINTS = (
+    "std_msgs/msg/Float64", "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/JointState",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "a", "b", "first"),
+    [
+        (POSE, poses(), received_later(), None),
+        (POSE, changed({3: np.nan}), changed({3: np.nan}), None),
+        (POSE, changed({3: np.nan}, "y"), poses(), (3 * STEP_NS, "pose.position.y")),
+        (POSE, poses(), changed({7: np.nextafter(3.5, 4.0)}), (7 * STEP_NS, "pose.position.x")),
+        (POSE, poses(), changed({7: -0.0}, "z"), (7 * STEP_NS, "pose.position.z")),
+        (POSE, poses(), without(4), (4 * STEP_NS, "message in A only")),
+        (POSE, without(4), poses(), (4 * STEP_NS, "message in B only")),
+        (FLOAT, numbers(0.0, 1.0), numbers(0.0, 1.0), None),
+        (FLOAT, numbers(0.0, 1.0), numbers(3.0, 1.0), (0, "data")),
+        (TRANSFORMS, transforms(1), transforms(77), None),
+        (JOINTS, joints(LEFT, LEFT, LEFT), joints(LEFT, BOTH, LEFT), (1, "position")),
+    ],
+)
+def test_first_difference_of_two_recordings(tmp_path, kind, a, b, first):
+    """Paired by the stamp of the header or inside the message, else by the time of publishing."""
+    result = compared(tmp_path, a, b, kind)  # of transforms, the bodies besides
+    topic = result.topics[0]
+    assert result.equal == (first is None)
+    assert topic.first == (first and (EPOCH_NS + first[0], first[1]))
+    if first and first[1].startswith("message"):
+        assert topic.fields == ()
+    if kind == JOINTS:
+        assert {field.field for field in topic.fields} == {"name[1]", "position"}
 
 
 def test_messages_of_one_stamp_are_paired_in_any_order(tmp_path):
@@ -126,37 +159,6 @@ def test_messages_of_one_stamp_are_paired_in_any_order(tmp_path):
     other[0][1]["pose"]["position"]["x"] = 9.0
     (topic,) = compared(tmp_path, poses(4)[:0] + one[:3], other[1:]).topics
     assert (topic.messages_a, topic.messages_b) == (3, 3)
-
-
-def test_type_without_header_is_paired_by_publish_time(tmp_path):
-    one = [(EPOCH_NS + i, {"data": float(i)}) for i in range(5)]
-    kind = "std_msgs/msg/Float64"
-    assert compared(tmp_path, one, one, kind).equal
-    (topic,) = compared(tmp_path, one, [(one[0][0], {"data": 3.0}), *one[1:]], kind).topics
-    assert topic.first == (EPOCH_NS, "data") and topic.fields[0].largest == 3.0
-
-
-def test_transforms_are_paired_by_the_stamp_inside(tmp_path):
-    def at(i: int) -> dict[str, Any]:
-        header = {"stamp": stamp(EPOCH_NS + i), "frame_id": "map"}
-        return {"transforms": [{"header": header, "child_frame_id": "base_link"}]}
-
-    one = [(EPOCH_NS + i, at(i)) for i in range(5)]
-    two = [(EPOCH_NS + 77 * i + 9, at(i)) for i in range(5)]
-    assert compared(tmp_path, one, two, "tf2_msgs/msg/TFMessage").equal
-
-
-def test_element_that_one_recording_lacks_is_a_difference(tmp_path):
-    def at(i: int, names: list[str]) -> tuple[int, dict[str, Any]]:
-        header = {"stamp": stamp(EPOCH_NS + i)}
-        return EPOCH_NS + i, {"header": header, "name": names, "position": [1.0] * len(names)}
-
-    kind = "sensor_msgs/msg/JointState"
-    one = [at(i, ["left"]) for i in range(3)]
-    two = [at(0, ["left"]), at(1, ["left", "right"]), at(2, ["left"])]
-    (topic,) = compared(tmp_path, one, two, kind).topics
-    assert {field.field for field in topic.fields} == {"name[1]", "position"}
-    assert topic.first is not None and topic.first[0] == EPOCH_NS + 1
 
 
 def test_topic_of_one_recording_is_a_difference_unless_left_out(tmp_path):
