@@ -19,8 +19,6 @@ _MAX_ZERO_SHARE, _MAX_ZERO_SHARE_REPLACED = 0.3, 0.03
 could replace them."""
 _STUCK_S = 0.25
 """s for which a rotor's reading may stay the same while the others change."""
-_REPEATS = 0.4
-"""Share of repeated samples by which one rotor may exceed the others."""
 _OFF_COMMAND = 0.07
 """Share by which the ratio of speed to command may differ between rotors: several times what
 sound speed controllers leave."""
@@ -45,7 +43,7 @@ def sensor_faults(
         return speed, []
     values = speed.values[flying]
     zeros = lone_zeros(values, _usual(values))
-    faults = [*_zeros(values, zeros), *_repeats(speed.t[flying], values, zeros)]
+    faults = [*_zeros(values, zeros), *_stuck(speed.t[flying], values, zeros)]
     faults += _scales(speed, command, flying, zeros)
     if not faults:
         return speed, []
@@ -95,33 +93,25 @@ def _zeros(values: Array, zeros: Mask) -> list[Fault]:
     ]  # fmt: skip
 
 
-def _repeats(t: Array, values: Array, zeros: Mask) -> list[Fault]:
+def _stuck(t: Array, values: Array, zeros: Mask) -> list[Fault]:
     """Report rotors whose readings stay the same while the others' change."""
-    same = np.diff(values, axis=0) == 0.0
-    shares, step = same.mean(axis=0), sample_interval(t)
+    same, step = np.diff(values, axis=0) == 0.0, sample_interval(t)
     faults: list[Fault] = []
     for i, name in enumerate(ROTOR_NAMES):
         alone = same[:, i] & ~zeros[1:, i]
         moving = np.asarray(~np.delete(same, i, axis=1).all(axis=1))
-        held = [
+        stuck = [
             (b, e)
             for b, e in runs(alone)
             if (e - b) * step > _STUCK_S and moving[b:e].mean() > 0.5
         ]
-        least = float(np.median(np.delete(shares, i)))
-        if held:
-            begin, end = max(held, key=lambda run: run[1] - run[0])
+        if stuck:
+            begin, end = max(stuck, key=lambda run: run[1] - run[0])
             text = (
-                f"is stuck {len(held)} times while the others change, for "
+                f"is stuck {len(stuck)} times while the others change, for "
                 f"{(end - begin) * step:.2f} s from {t[begin]:.2f} s on"
             )
             faults.append(("stuck", name, (end - begin) * step, text))
-        elif alone.mean() > least + _REPEATS:
-            text = (
-                f"repeats the reading before in {100 * alone.mean():.0f} % of the samples, "
-                f"the others in {100 * least:.0f} %"
-            )
-            faults.append(("repeats", name, float(alone.mean()), text))
     return faults
 
 
