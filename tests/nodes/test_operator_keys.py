@@ -6,11 +6,11 @@ import os
 import signal
 
 import pytest
+from terminal import Terminal
 
 from in_time import in_time
 from ros_bench import die_with_the_test
 from tombo_bag.topics import PX4_STATUS, ROTOR_COMMAND, TRUE_ODOMETRY
-from tombo_benchmarks.px4.terminal import Terminal
 
 pytestmark = pytest.mark.real_time
 

@@ -18,7 +18,6 @@ FROM_OUTSIDE = {
     "tombo_benchmarks/px4/driver_node.py",
     # reads the texts of PX4
     "tombo_bringup/first_flight/checks.py",
-    "tombo_benchmarks/px4/terminal.py",
     # the command line's own parser has no other sign
     "tombo_bringup/cli/errors.py",
 }

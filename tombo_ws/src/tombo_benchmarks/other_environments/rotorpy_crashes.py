@@ -60,7 +60,7 @@ def fly(mishap: Mishap, rng: np.random.Generator) -> tuple[Array, float]:
         t = k * STEP_S
         known = np.concatenate([state["x"], state["v"]])
         held = known if t < mishap.time else held
-        seen = mishap.seen(t, known, held)
+        seen = mishap.observed(t, known, held)
         gain = mishap.gain(t)
         pilot.kp_att, pilot.kd_att = kp * gain, kd * gain
         path = mishap.goal(t)

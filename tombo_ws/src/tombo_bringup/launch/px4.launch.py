@@ -29,7 +29,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the bridge and what it needs, without estimator and controller: those are PX4's."""
+    """Return the bridge and the nodes around it; PX4 has estimator and controller."""
     starts = ParameterValue(LaunchConfiguration("auto_start"), value_type=bool)
     url = {"link.url": LaunchConfiguration("url")}
     simulated = LaunchConfiguration("simulated")

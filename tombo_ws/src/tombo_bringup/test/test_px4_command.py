@@ -80,27 +80,6 @@ def test_a_busy_port_is_one_line_and_exit_code_2(refused):
             refused(("px4", *given), str(own), "in use")
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--port", "0"], "--port 0"),
-        (["--port", "65000"], "--port 65000"),
-        (["--ground-port", "70000"], "--ground-port 70000"),
-        (["--port", "abc"], "not a whole number"),
-        (["--duration", "-1"], "--duration -1"),
-        (["--duration", "nan"], "--duration nan"),
-        (["no_such"], "no_such"),
-        (["--set", "vehicle.mass=-1"], "vehicle.mass"),
-        (["--key", "/no/such/key"], "/no/such/key"),
-        (["--seed", "-1"], "--seed -1"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(refused, options, words):
-    free = zip(("--port", "--ground-port"), map(str, free_ports()), strict=True)
-    more = [word for pair in free if pair[0] not in options for word in pair]
-    refused(("px4", *options, *more), words)
-
-
 def test_the_state_is_one_line():
     with bench() as b:
         b.run(0.2)

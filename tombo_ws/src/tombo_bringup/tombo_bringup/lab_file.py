@@ -102,7 +102,7 @@ def read_lab(path: Path) -> Lab:
 
 
 def _vehicle(name: str, folder: Path) -> str:
-    """Return a built-in name, or the path of a file beside the lab file."""
+    """Return a built-in name, or a path relative to the lab file made absolute."""
     if not name or is_builtin_vehicle(name):
         return name
     return str((folder / name).absolute())

@@ -1,4 +1,4 @@
-"""What the launch files share: their arguments, and how a node of the suite is started.
+"""Shared by the launch files: their arguments, and the action that starts a node.
 
 Only launch files import this: `launch` and `launch_ros` come with a standard ROS 2 install.
 """

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,19 +24,13 @@ def warm_propeller() -> None:
             evaluate(configuration(1), [1780.0], law)
 
 
-def warm_flight() -> None:
-    """Fly a moment with the whole autopilot."""
+def warm_flights() -> None:
+    """Fly a moment with the whole autopilot, and go through the cores of all nodes."""
     from tombo_flight.flight_output import warm_up_flight
-    from tombo_flight.scenario import load_scenario
-
-    warm_up_flight(load_scenario())
-
-
-def warm_nodes() -> None:
-    """Go through the cores of all nodes."""
     from tombo_flight.run_wiring import warm_up_nodes
     from tombo_flight.scenario import load_scenario
 
+    warm_up_flight(load_scenario())
     warm_up_nodes(load_scenario())
 
 
@@ -54,13 +47,11 @@ def warm_files() -> None:
 
 def main() -> None:
     """Run all parts and print how long each takes."""
-    parts: tuple[tuple[str, Callable[[], None]], ...] = (
+    for name, warm in (
         ("propeller model", warm_propeller),
-        ("flight kernel", warm_flight),
-        ("cores of the nodes", warm_nodes),
+        ("flight and nodes", warm_flights),
         ("recording, figure and report", warm_files),
-    )
-    for name, warm in parts:
+    ):
         began = time.perf_counter()
         warm()
         print(f"{name}: {time.perf_counter() - began:.1f} s", flush=True)

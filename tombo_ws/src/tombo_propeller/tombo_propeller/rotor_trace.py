@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,8 +83,8 @@ def read_trace(
     if when == what:
         raise InputError(f"'{when}' for time and value both; accepted: two columns")
     numbers, damage = table.numbers({when, what})
-    seconds = TIME_UNITS[_time_unit(when, time_unit)]
-    unit = _unit(what, unit)
+    seconds = TIME_UNITS[_unit("--time-unit", when, time_unit, _SPELLED_TIMES) or "s"]
+    unit = _value_unit(what, unit)
     return RotorTrace(numbers[when] * seconds, numbers[what] - tare, unit, what, damage)
 
 
@@ -106,37 +107,37 @@ def _column(
     )
 
 
-def _unit(column: str, asked: str | None) -> str:
-    """Return the unit of a column: as its name has it, as asked for, or its kind's SI unit."""
-    named = _named(column, _SPELLED)
-    begins = column.lower().startswith
-    kind = THRUST if begins(_THRUSTS) else SPEED if begins(_SPEEDS) else None
-    if asked is None:
-        return named or ("rad/s" if kind == SPEED else "N")
-    if named is not None and asked != named:
-        raise InputError(
-            f"--unit {asked} for a column '{column}', whose name says {named}; accepted: {named}, "
-            "or another name"
-        )
-    if named is None and kind is not None and UNITS[asked] != kind:
-        units = ", ".join(unit for unit in UNITS if UNITS[unit] == kind)
-        raise InputError(
-            f"--unit {asked} for a column '{column}', whose name says {kind}; accepted: {units}"
-        )
-    return asked
+def _unit(option: str, column: str, given: str | None, spelled: Mapping[str, str]) -> str | None:
+    """Return the unit of a column: as its name has it, or as given; None: neither says one.
 
-
-def _time_unit(column: str, asked: str | None) -> str:
-    named = _named(column, _SPELLED_TIMES)
-    if named is not None and asked not in (None, named):
+    Raises:
+        InputError: the name says another unit than the given one.
+    """
+    named = _named(column, spelled)
+    if None not in (named, given) and given != named:
         raise InputError(
-            f"--time-unit {asked} for a column '{column}', whose name says {named}; accepted: "
+            f"{option} {given} for a column '{column}', whose name says {named}; accepted: "
             f"{named}, or another name"
         )
-    return asked or named or "s"
+    return given or named
 
 
-def _named(column: str, spelled: dict[str, str]) -> str | None:
+def _value_unit(column: str, given: str | None) -> str:
+    """Return the unit of thrust or speed, by default the SI unit of the kind in the name."""
+    unit = _unit("--unit", column, given, _SPELLED)
+    begins = column.lower().startswith
+    kind = THRUST if begins(_THRUSTS) else SPEED if begins(_SPEEDS) else None
+    if unit is None:
+        return "rad/s" if kind == SPEED else "N"
+    if kind not in (None, UNITS[unit]):
+        units = ", ".join(u for u in UNITS if UNITS[u] == kind)
+        raise InputError(
+            f"--unit {unit} for a column '{column}', whose name says {kind}; accepted: {units}"
+        )
+    return unit
+
+
+def _named(column: str, spelled: Mapping[str, str]) -> str | None:
     """Return the unit that a column's name ends in, as in thrust_N, thrust [N] or motorRPM."""
     lower = column.lower().replace("rad_s", "rad/s").strip()
     words = [word for word in re.split(r"[^a-zµ/]+", lower) if word]

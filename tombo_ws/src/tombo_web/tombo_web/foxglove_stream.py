@@ -57,7 +57,7 @@ class FoxgloveStream:
 
 
 def _dataclass(codec: MessageCodec, fields: Mapping[str, Any], time_s: float) -> Any:
-    """Return the message of fields; what a playback doesn't have is the type's default."""
+    """Return the message of fields; absent fields have the type's defaults."""
     kind = FORMS[codec.typename].kind
     names = {field.name for field in dataclasses.fields(kind)}
     given = {name: fields[name] for name in names if name in fields}

@@ -26,7 +26,7 @@ def live_page(title: str, scenario: Mapping[str, Any]) -> str:
     """Return the HTML of the page; it loads nothing from anywhere.
 
     Args:
-        title: what is shown.
+        title: name of the flight.
         scenario: of the flight, for the lengths of the vehicle; empty: the default vehicle.
     """
     instants = ("contact_s", "unstable_end_s", "recovery_end_s", "contact_height_m", "lowest_m")

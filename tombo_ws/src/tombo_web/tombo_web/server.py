@@ -72,7 +72,7 @@ class Access:
 
     @staticmethod
     def _is_same_origin(connection: HTTPConnection, without: bool) -> bool:
-        """Return whether a request is of the page itself; `without`: what is said of no origin."""
+        """Return whether a request is of the page itself; `without`: result without an origin."""
         origin = connection.headers.get("origin")
         if origin is None:
             return without
@@ -93,7 +93,7 @@ def bound_socket(host: str, port: int) -> socket.socket:
     try:
         listener.bind((host, port))
         listener.listen()  # until then another server can take the port, too
-    except (OSError, TypeError, UnicodeError) as error:  # of a host that is no name, too
+    except (OSError, TypeError, UnicodeError) as error:  # also of an invalid host name
         listener.close()
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(

@@ -62,7 +62,7 @@ class Workbench:
         """Return the answer to a request.
 
         Raises:
-            InputError: names the key, the value and what is accepted.
+            InputError: a value is refused; the message names key, value and accepted values.
         """
         if what not in self._functions:
             raise unknown_name("request", what, self._functions)

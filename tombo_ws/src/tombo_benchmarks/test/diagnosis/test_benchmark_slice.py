@@ -6,8 +6,8 @@ import pytest
 
 from tombo_benchmarks.diagnosis.flight_cases import make_case
 from tombo_benchmarks.diagnosis.flight_evaluation import examine
-from tombo_benchmarks.diagnosis.runner import each_result
 from tombo_benchmarks.diagnosis.score import score
+from tombo_flight.process.workers import run_in_processes
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
 
@@ -24,8 +24,7 @@ def numbers(kind, size):
 
 def test_healthy_vehicles_are_none_and_large_effects_come_first():
     asked = numbers("none", "") + numbers("single", "large")
-    found = each_result(partial(examine, SEED, **SHORT), asked, 2, None)
-    rows = [row for _, row in found]
+    rows = list(run_in_processes(partial(examine, SEED, **SHORT), asked, 2))
     result = score([row for row in rows if row["verdict"] != "not flown"])
     assert result["healthy_cases"] == OF_EACH and result["false_alarm"] <= 1 / OF_EACH, rows
     assert result["top1_large_cases"] >= OF_EACH - 1 and result["top1_large"] >= 0.75, rows

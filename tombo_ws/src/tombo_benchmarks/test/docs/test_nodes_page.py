@@ -47,9 +47,9 @@ def test_every_parameter_is_one_that_its_node_has():
         given = written[node.name]
         sections = {name for name, value in given.items() if isinstance(value, dict)} - {"effects"}
         assert sections <= set(node.sections)
-        assert set(given) - sections - {"effects"} <= set(node.own)
+        assert set(given) - sections - {"effects"} <= set(node.parameters)
         if node.name == "recorder":
-            assert {"output", "single_file", "metadata_file"} <= set(node.own)
+            assert {"output", "single_file", "metadata_file"} <= set(node.parameters)
         if "effects" in given:
             assert node.name == "sim"
 

@@ -1,4 +1,4 @@
-"""`tombo benchmark`: blind tests of what the suite claims to find out."""
+"""`tombo benchmark`: blind tests of the suite's diagnoses and safety."""
 
 from __future__ import annotations
 
@@ -36,36 +36,17 @@ def benchmark(ctx: typer.Context) -> None:
         typer.echo(ctx.get_help())
 
 
-@record
-class _Hidden:
-    scenario: str = option(
-        "--scenario NAME", "Fly this scenario, or file, in place of random courses.", ""
-    )
-    effects: str = option(
-        "--effects LIST", "With --scenario: names with commas between, or all.", "all"
-    )
-
-
-def diagnosis(drawn: DrawnCases, hidden: _Hidden) -> None:
+def diagnosis(drawn: DrawnCases) -> None:
     """Hide effects in simulated flights, diagnose them, and count how often it is right.
 
     The flights come from a richer model than the candidates: parameters off
     nominal, noise that is not modelled, 30 Hz motion capture, with and without IMU
-    and rotor speeds. Some hide pairs, some what is no candidate, some nothing.
-    With --scenario one effect at a time is hidden in that flight, in turn of
-    medium, large and small size.
+    and rotor speeds. Some hide pairs, some an effect that is not a candidate, some nothing.
     """
     from tombo_benchmarks.cli.scores import FLIGHTS, score_table
-    from tombo_benchmarks.diagnosis.flight_evaluation import benchmark, scenario_benchmark
+    from tombo_benchmarks.diagnosis.flight_evaluation import benchmark
 
-    name, scenario, effects = "diagnosis", hidden.scenario, hidden.effects
-    run: Callable[..., Any] = benchmark
-    if scenario:
-        name += f" --scenario {scenario} --effects {effects}"
-        run = scenario_benchmark(scenario, effects)
-    elif effects != "all":
-        raise InputError(f"--effects {effects}: needs --scenario; accepted: all")
-    drawn.score_drawn(name, run, 100, partial(score_table, FLIGHTS))
+    drawn.score_drawn("diagnosis", benchmark, 100, partial(score_table, FLIGHTS))
 
 
 def stand(drawn: DrawnCases) -> None:
@@ -181,7 +162,7 @@ class _Load:
 def nodes(load: _Load, shown: Shown) -> None:
     """Fly with all nodes in real time, and print how late each loop began its runs.
 
-    An empty loop of 1 kHz, before and after the flight, tells how punctual the machine is.
+    An empty loop of 1 kHz, before and after the flight, shows how punctual the machine is.
     """
     from tombo_benchmarks.cli.scores import loop_table
     from tombo_benchmarks.nodes.node_timing import fly_and_measure
@@ -214,12 +195,12 @@ def real(given: _Real, scored: Scored) -> None:
     """Ask about real flights of known causes, and count right, wrong and withheld answers.
 
     Flights against healthy ones of the vehicle, single logs of mishaps, and healthy flights.
-    With -o the page is written beside the JSON, as .html; a run that is stopped goes on with
-    the same command.
+    With -o the page is written, too: same name, ending .html. A run that is stopped goes on
+    with the same command.
     """
-    few, output = given.few, scored.output
-    if few is not None and few < 1:
-        raise InputError(f"--few {few}: out of bounds; accepted: 1 or more")
+    most, output = given.few, scored.output
+    if most is not None and most < 1:
+        raise InputError(f"--few {most}: out of bounds; accepted: 1 or more")
     if output is not None and output.suffix == ".html":
         raise InputError(
             f"-o '{output}': the page has that name; accepted: another ending, of JSON"
@@ -230,7 +211,7 @@ def real(given: _Real, scored: Scored) -> None:
     from tombo_flight.report.html import write_page
 
     folder = ROOT.parent / "shared" / "data" if given.data is None else given.data
-    asked = trials(folder, few)
+    asked = trials(folder, most)
     rows: list[dict[str, Any]] = []
 
     def run(cases: int, *options: Any) -> Any:
@@ -240,7 +221,7 @@ def real(given: _Real, scored: Scored) -> None:
             write_page(output.with_suffix(".html"), real_page(rows, result.aggregate))
         return result
 
-    name = "real" if few is None else f"real --few {few}"
+    name = "real" if most is None else f"real --few {most}"
     scored.score(name, run, len(asked), 0, lambda found, cases: real_page(rows, found))
 
 

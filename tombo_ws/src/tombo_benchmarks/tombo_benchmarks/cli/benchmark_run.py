@@ -1,4 +1,4 @@
-"""What the commands of `tombo benchmark` share: options, and the way from them to a score."""
+"""Options of the commands of `tombo benchmark`, and the way from them to a score."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ class Scored(Workers, Shown):
             run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
             cases: how many.
             seed: of all random draws.
-            show: aggregate and number of cases to what is printed.
+            show: (aggregate, number of cases) to a table, a page or lines.
 
         Raises:
-            typer.Exit: stopped by a signal; with an output, the scores so far are kept beside it.
+            typer.Exit: stopped by a signal; with an output, `OUTPUT.part` keeps the scores so far.
             InputError: the output can't be written any more.
         """
         from tombo_benchmarks.cli.journal import Journal

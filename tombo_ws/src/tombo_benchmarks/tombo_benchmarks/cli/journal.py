@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections import UserDict
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,11 @@ class Journal(UserDict[Any, Row]):
     """Rows by number or name, one a line of a file; a line cut by a kill is left out."""
 
     def __init__(self, path: Path, run: str) -> None:
-        """Read what is there.
+        """Read the rows of an earlier run.
 
         Args:
             path: the file, made with the first row.
-            run: what the rows are of.
+            run: command and seed of the rows.
 
         Raises:
             InputError: it is of another run, or can't be read.
@@ -46,23 +45,18 @@ class Journal(UserDict[Any, Row]):
             self.data[key] = row
 
     def __setitem__(self, key: Any, row: Row) -> None:
-        """Append a row; errors as of `append`."""
-        self.append([(key, row)])
-
-    def append(self, rows: Sequence[tuple[Any, Row]]) -> None:
-        """Append rows with their keys.
+        """Append a row.
 
         Raises:
-            OSError: they can't be written.
+            OSError: it can't be written.
         """
-        lines = [json.dumps([self._run, key, row], default=_number) for key, row in rows]
+        line = json.dumps([self._run, key, row], default=_number)
         try:
             with self.path.open("a", encoding="utf-8") as file:
-                # a line that a kill has cut ends here
-                file.write("".join(f"\n{line}" for line in lines))
+                file.write(f"\n{line}")  # a line that a kill has cut ends here
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self.path)) from error
-        self.data.update(rows)
+        self.data[key] = row
 
 
 def _number(value: Any) -> Any:

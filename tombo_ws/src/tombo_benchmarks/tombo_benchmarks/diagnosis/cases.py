@@ -1,4 +1,4 @@
-"""Synthetic cases: nothing is hidden, one effect, two, or what no effect describes."""
+"""Synthetic cases: nothing is hidden, one effect, two, or one that the registry lacks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 SIZES = {"small": 0.25, "medium": 0.5, "large": 1.0}
 """Share of the size that clearly matters (`typical` in the registry)."""
 UNKNOWN_SIZES = {"small": 0.8, "medium": 1.2, "large": 2.0}
-"""Times its typical strength is what no effect describes."""
+"""Strength of an unmodelled effect, over its typical one."""
 KINDS = (("none", 0.2), ("single", 0.5), ("pair", 0.1), ("unknown", 0.2))
 
 
@@ -20,13 +20,13 @@ class Case:
 
     number: int
     kind: str
-    """none, single, pair, unknown; or unseen: one effect that the flights can't show."""
+    """none, single, pair or unknown."""
     size: str
     """small, medium, large; empty for none."""
     formulation: str
     """Which sensors there are."""
     hidden: tuple[str, ...]
-    """Effects present beyond the nominal ones, or what no effect describes."""
+    """Effects present beyond the nominal ones, of the registry or unmodelled."""
     shift: Mapping[str, float]
     """effect.parameter -> hidden value minus nominal value."""
 
@@ -38,7 +38,7 @@ def draw_name(rng: np.random.Generator, table: Sequence[tuple[str, float]]) -> s
 
 
 def draw_hidden(rng: np.random.Generator, kind: str, effects: Sequence[str]) -> list[str]:
-    """Return the effects that are hidden, drawn from those that can be: one, two or none."""
+    """Return the effects that are hidden: one, two or none, drawn from `effects`."""
     count = {"single": 1, "pair": 2}.get(kind, 0)
     return [str(n) for n in rng.choice(effects, count, replace=False)] if count else []
 
@@ -49,6 +49,6 @@ def draw_factor(rng: np.random.Generator, size: str) -> float:
 
 
 def draw_size(rng: np.random.Generator, kind: str) -> str:
-    """Return the size of what is hidden; two causes are never small."""
+    """Return the size of the hidden cause; two causes are never small."""
     size = "" if kind == "none" else str(rng.choice(list(SIZES)))
     return "medium" if kind == "pair" and size == "small" else size

@@ -16,7 +16,7 @@ _RIVALS = 3
 
 
 def case_row(case: Case) -> dict[str, Any]:
-    """Return what is known of a case before it is diagnosed."""
+    """Return the facts of a case before it is diagnosed."""
     return {
         "case": case.number,
         "kind": case.kind,
@@ -28,7 +28,7 @@ def case_row(case: Case) -> dict[str, Any]:
 
 
 def answer_row(findings: Analysis[Any, Any], seconds: float) -> dict[str, Any]:
-    """Return what was answered, and what the verdict rests on."""
+    """Return the answer, and the evidence of its verdict."""
     judgement, found = findings.judgement, findings.search
     return {
         "verdict": judgement.verdict,

@@ -7,7 +7,7 @@ differ. All of it derives from (seed, number of the case).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +25,6 @@ from tombo_benchmarks.diagnosis.disturbances import DISTURBANCES
 from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.flight.nominal import PARAMETERS, nominal_model
 from tombo_dynamics.effects import REGISTRY
-from tombo_dynamics.errors import InputError
-from tombo_flight.scenario import load_scenario
 
 FORMULATIONS = (("imu_rpm", 0.35), ("imu", 0.25), ("mocap_rpm", 0.2), ("mocap", 0.2))
 EXCLUDED_EFFECTS = frozenset(
@@ -50,7 +48,6 @@ _NOISES = (
 """Hidden as more of it: nobody looks for the cause of too little noise."""
 _IMU_ONLY = ("imu_", "accel_scale")
 """Effects that only an IMU shows."""
-_SIZE_ORDER = ("medium", "large", "small")
 _LARGEST_STAMP_ERROR = 0.009
 """s: later than it arrives no stamp can be."""
 COURSE_S = 20.0
@@ -58,7 +55,7 @@ COURSE_S = 20.0
 NOMINAL_MODEL = nominal_model()
 """What `tombo diagnose` compares flights with."""
 NOMINAL = {n: e for n, e in NOMINAL_MODEL.effects.items() if n not in EXCLUDED_EFFECTS}
-"""What it knows of effects, without contact."""
+"""Effects that it knows, without contact."""
 
 Effects = dict[str, dict[str, float]]
 
@@ -68,15 +65,13 @@ class FlightCase(Case):
     """A vehicle with something hidden; its formulation is imu or mocap, _rpm with rotor speeds."""
 
     effects: Mapping[str, Mapping[str, float]]
-    """The true model: nominal, off by tolerances, and what is hidden."""
+    """The true model: nominal, off by tolerances, and hidden."""
     disturbance: tuple[float, ...]
     """Parameters of the disturbance, empty for none."""
     flights: int
     seed: tuple[int, int]
-    scenario: str = ""
-    """That is flown and recorded as `tombo fly` does; empty: a course of the case's own."""
     course_s: float = COURSE_S
-    """About so long is that course [s], with hover and turns coming on top."""
+    """Approximate length of each course [s], with hover and turns coming on top."""
 
 
 def make_case(seed: int, number: int, flights: int = 3, course_s: float = COURSE_S) -> FlightCase:
@@ -106,52 +101,6 @@ def make_case(seed: int, number: int, flights: int = 3, course_s: float = COURSE
         number, kind, size, formulation, tuple(hidden), shift, effects, disturbance, flights,
         (seed, number), course_s=course_s,
     )  # fmt: skip
-
-
-def make_scenario_case(
-    scenario: str, effects: Sequence[str], seed: int, number: int, flights: int = 3
-) -> FlightCase:
-    """Return a case of one effect hidden in a scenario, everything else as it stands there.
-
-    Effects come in turn, each first of medium size, then large, then small; the parameters that
-    are moved are drawn. The flights are recorded with an IMU and rotor speeds.
-
-    Raises:
-        InputError: no such scenario.
-    """
-    rng = np.random.default_rng([seed, number])
-    round_, place = divmod(number, len(effects))
-    size = _SIZE_ORDER[round_ % len(_SIZE_ORDER)]
-    name = effects[place]
-    own = {n: dict(values) for n, values in load_scenario(scenario).effects.items()}
-    shift = {}
-    for p, change in _shift(name, draw_factor(rng, size), rng).items():
-        base = own.setdefault(name, {}).get(p.name, p.null)
-        value = float(np.clip(base + change, p.low, p.high))
-        if p.label == "mocap_stamp_error.offset" and value > _LARGEST_STAMP_ERROR:
-            value = -value
-        own[name][p.name] = value
-        shift[p.label] = value - base
-    kind = "unseen" if name in EXCLUDED_EFFECTS else "single"
-    return FlightCase(
-        number, kind, size, "imu_rpm", (name,), shift, own, (), flights, (seed, number), scenario
-    )
-
-
-def scenario_effects(names: str) -> tuple[str, ...]:
-    """Return effects to hide, from names with commas between, or `all`; with a memory first.
-
-    Raises:
-        InputError: no effect has one of these names.
-    """
-    known = sorted(REGISTRY, key=lambda n: REGISTRY[n].state is None)
-    if names == "all":
-        return tuple(known)
-    chosen = tuple(name.strip() for name in names.split(","))
-    for name in chosen:
-        if name not in REGISTRY:
-            raise InputError(f"effect '{name}' is unknown; accepted: all, {', '.join(known)}")
-    return chosen
 
 
 def observable_effects(formulation: str) -> list[str]:

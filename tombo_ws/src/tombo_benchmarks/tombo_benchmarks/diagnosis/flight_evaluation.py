@@ -1,9 +1,8 @@
-"""One synthetic case from hiding to score: fly, diagnose, compare with what was hidden."""
+"""One synthetic case from hiding to score: fly, diagnose, compare with the hidden effects."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,15 +16,9 @@ from tombo_benchmarks.diagnosis.evaluation import (
     compare_parameters,
     exactly_right,
 )
-from tombo_benchmarks.diagnosis.flight_cases import (
-    NOMINAL_MODEL,
-    FlightCase,
-    make_case,
-    make_scenario_case,
-    scenario_effects,
-)
+from tombo_benchmarks.diagnosis.flight_cases import NOMINAL_MODEL, FlightCase, make_case
 from tombo_benchmarks.diagnosis.flight_simulation import fly_case, true_draws
-from tombo_benchmarks.diagnosis.runner import BenchmarkResult, run_benchmark
+from tombo_benchmarks.diagnosis.runner import run_benchmark
 from tombo_benchmarks.diagnosis.score import score_of_flights
 from tombo_diagnosis.flight.analyse import FlightAnalysis
 from tombo_diagnosis.flight.causes import estimate_cause
@@ -37,7 +30,6 @@ from tombo_diagnosis.flight.cross_validation import (
 from tombo_diagnosis.flight.diagnose import diagnose_files
 from tombo_diagnosis.flight.fit.prediction import residuals
 from tombo_dynamics.errors import InputError
-from tombo_flight.scenario import load_scenario
 
 
 def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
@@ -45,24 +37,14 @@ def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
 
     `shorter`: fewer flights, or a shorter course, as of `make_case`.
     """
-    return _examined(make_case(seed, number, **shorter))
-
-
-def examine_scenario(
-    scenario: str, effects: Sequence[str], seed: int, number: int
-) -> dict[str, Any]:
-    """Do the same with one effect hidden in a scenario."""
-    return _examined(make_scenario_case(scenario, effects, seed, number))
-
-
-def _examined(case: FlightCase) -> dict[str, Any]:
+    case = make_case(seed, number, **shorter)
     row = case_row(case)
     with TemporaryDirectory(prefix="tombo-benchmark-") as folder:
         try:
             files = fly_case(case, Path(folder))
             diagnosis, findings = diagnose_files(files, NOMINAL_MODEL, clock=time.perf_counter)
         except InputError as error:
-            # What is hidden can keep the vehicle from flying at all: that needs no diagnosis.
+            # A hidden effect can keep the vehicle from flying at all: that needs no diagnosis.
             return row | {"verdict": "not flown", "why": str(error)}
     remainder = findings.remainder
     row |= answer_row(findings, diagnosis.seconds) | {
@@ -90,7 +72,7 @@ def _compared(case: FlightCase, findings: FlightAnalysis, effect: str) -> dict[s
 
 
 def _gain_share(case: FlightCase, findings: FlightAnalysis) -> float | None:
-    """Return what the extension removes of what the true model removes, in held-out flights."""
+    """Return the gain of the extension over that of the true model, in held-out flights."""
     problem = findings.problem
     final = final_explanation(findings)
     if not final.hypotheses:
@@ -113,14 +95,3 @@ def _gain_share(case: FlightCase, findings: FlightAnalysis) -> float | None:
 
 benchmark = partial(run_benchmark, examine, score_of_flights)
 """Many blind flights, diagnosed and scored."""
-
-
-def scenario_benchmark(scenario: str, effects: str) -> Callable[..., BenchmarkResult]:
-    """Return the benchmark of effects hidden in a scenario.
-
-    Raises:
-        InputError: no such scenario, or no such effect.
-    """
-    load_scenario(scenario)
-    one = partial(examine_scenario, scenario, scenario_effects(effects))
-    return partial(run_benchmark, one, score_of_flights)

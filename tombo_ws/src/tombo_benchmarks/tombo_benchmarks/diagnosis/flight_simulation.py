@@ -15,11 +15,10 @@ from tombo_benchmarks.diagnosis.log_recording import record_log
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import Plant
 from tombo_flight.flight import Workspace, fly_scenario
-from tombo_flight.flight_output import write_mcap
-from tombo_flight.scenario import Scenario, load_scenario, scenario_over
+from tombo_flight.scenario import Scenario, scenario_over
 
 _BESIDES_S = 14.0
-"""Take-off, hover and turns, beside the course."""
+"""Duration of take-off, hover and turns, which the course does not contain."""
 _CLIMB = 1.5
 """m/s"""
 _RPM_NOISE, _RPM_STEP = 1.5, 0.5
@@ -120,22 +119,10 @@ def simulate_case(case: FlightCase) -> list[Flight]:
 
 def fly_case(case: FlightCase, folder: Path) -> list[Path]:
     """Fly a case and record its flights in a folder; return the files."""
-    paths: list[Path] = []
-    if not case.scenario:
-        for log in simulate_case(case):
-            paths.append(folder / f"{log.name.replace(' ', '-')}.mcap")
-            record_log(log, paths[-1])
-        return paths
-    settings = [
-        f"effects.{name}.{key}={value!r}"
-        for name, values in case.effects.items()
-        for key, value in values.items()
-    ]
-    scenario = load_scenario(case.scenario, [*settings, "reaction.name=none"])
-    seeds = np.random.SeedSequence([*case.seed, 1]).generate_state(case.flights)
-    for number, seed in enumerate(seeds):
-        paths.append(folder / f"flight-{number + 1}.mcap")
-        write_mcap(fly_scenario(scenario, int(seed >> 1)), paths[-1])
+    paths = []
+    for log in simulate_case(case):
+        paths.append(folder / f"{log.name.replace(' ', '-')}.mcap")
+        record_log(log, paths[-1])
     return paths
 
 

@@ -43,7 +43,7 @@ def cases_in(folder: Path) -> list[Path]:
 
 
 def examine(cases: Sequence[Path], seed: int, number: int) -> Row:
-    """Diagnose the flights of a case, and return the answer beside the truth."""
+    """Diagnose the flights of a case; return the answer and the truth."""
     case = cases[number]
     condition, truth = _truth_of(case / TRUTH)
     row = {"case": case.name, "condition": condition, "truth": truth}

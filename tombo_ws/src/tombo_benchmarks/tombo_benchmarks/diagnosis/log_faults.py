@@ -1,4 +1,4 @@
-"""Faults of logs, put into healthy flights: what a pre-check has to name, and never as physics."""
+"""Faults of logs, put into healthy flights: a pre-check must name them, never as physics."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tombo_dynamics.errors import InputError
 POSE, IMU = ("position", "attitude"), ("gyro", "accel")
 ROTORS = ("rotor_speed", "rotor_command", "motor_command")
 _COMPARED = ("position", "gyro")
-"""Stamps and frames of poses and IMU: what is wrong is told by both."""
+"""Stamps and frames of poses and IMU: a difference can be a fault of either."""
 
 Change = Callable[[Series, Any, np.random.Generator], Series]
 

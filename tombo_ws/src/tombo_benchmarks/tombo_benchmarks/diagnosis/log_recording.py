@@ -19,7 +19,7 @@ _FIELDS = {
     "gyro": "angular_velocity", "accel": "linear_acceleration",
     "speed": "speed", "voltage": "voltage", "current": "current",
 }  # fmt: skip
-"""Field of a topic → where it stands in the message."""
+"""Field of a topic → path in the message."""
 _NEEDED = {
     MOCAP_POSE.name: {"position", "attitude"}, IMU.name: {"gyro", "accel"},
     ROTOR_COMMAND.name: {"speed"}, ROTOR_SPEED: {"speed"}, BATTERY.name: {"voltage"},

@@ -116,23 +116,23 @@ MUTATIONS: tuple[LogFault, ...] = (
         "poses: a fifth of the samples dropped", POSE, (0.2,), _dropped, "gap", "mocap_dropouts"
     ),
 )  # fmt: skip
-"""Each has one size. That all commands are scaled is no fault of one log: nothing else in it says
-what thrust a command gives."""
+"""Each has one size. One log can't show that all commands are scaled: no other channel in it says
+which thrust a command gives."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What a flight is asked against."""
+    """The vehicle and the flights that a flight is compared with."""
 
     vehicle: VehicleFile | None
     """Of other healthy flights of the vehicle; None: not asked with it."""
     healthy: Sequence[Flight]
-    """As read; none: what has changed is not asked."""
+    """As read; none: the way `healthy` is left out."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What one way says of one mutation."""
+    """The answer of one way to one mutation."""
 
     mutation: str
     way: str
@@ -152,12 +152,12 @@ def ask_all(
 ) -> list[Answer]:
     """Return the answers about a log (as read) with each mutation, in each way that can be asked.
 
-    What is said of the log as it is names no mutation.
+    Findings and causes in the sound log do not count.
 
     Args:
         log: a sound one.
-        reference: what it is asked against.
-        only: the one of the ways that is asked; None: all.
+        reference: vehicle and flights to compare with.
+        only: the way that is asked; None: all.
         progress: called with the mutation and the share done.
 
     Raises:
@@ -173,7 +173,7 @@ def ask_all(
     ways = [way for way in ways if only in (None, way)]
     answers = []
     for i, way in enumerate(ways):
-        sound = _said(WAYS[way](log, reference), log.name)
+        sound = _answers_about(WAYS[way](log, reference), log.name)
         for k, mutation in enumerate(MUTATIONS):
             progress(f"{way}: {mutation.name}", (i + k / len(MUTATIONS)) / len(ways))
             damaged = mutation.applied(log, 0, (SEED, k))
@@ -199,7 +199,7 @@ def _answer(
     return Answer(mutation.name, way, bool(findings or causes), text)
 
 
-def _said(diagnosis: Diagnosis, flight: str) -> set[str]:
+def _answers_about(diagnosis: Diagnosis, flight: str) -> set[str]:
     places = {
         _place(f) for f in diagnosis.prechecks if f.flight == flight and f.severity != "info"
     }

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
+from collections.abc import Callable, MutableMapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
-from typing import Any, TypeVar
+from typing import Any
 
 from tombo_flight.process.workers import run_in_processes
 from tombo_flight.progress import ProgressCallback
 
 Row = dict[str, Any]
-_Item = TypeVar("_Item")
-_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -53,24 +51,14 @@ def run_benchmark(
     rows = {} if kept is None else kept
     left = [number for number in range(cases) if number not in rows]
     known = cases - len(left)
-    found = each_result(partial(examine, seed), left, min(workers, len(left)) or 1, stop)
-    for done, (number, row) in enumerate(found, known + 1):
-        rows[number] = row
-        progress(f"case {done} of {cases}", done / cases)
+    examined = partial(_examined, examine, seed)
+    with closing(run_in_processes(examined, left, min(workers, len(left)) or 1, stop=stop)) as new:
+        for done, (number, row) in enumerate(new, known + 1):
+            rows[number] = row
+            progress(f"case {done} of {cases}", done / cases)
     in_order = [rows[number] for number in takewhile(rows.__contains__, range(cases))]
     return BenchmarkResult(in_order, aggregate(in_order))
 
 
-def each_result(
-    work: Callable[[_Item], _Result],
-    items: Iterable[_Item],
-    workers: int,
-    stop: Callable[[], bool] | None,
-) -> Iterator[tuple[_Item, _Result]]:
-    """Do the work on several processes; yield each item with its result, as they come."""
-    with closing(run_in_processes(partial(_with_item, work), items, workers, stop=stop)) as found:
-        yield from found
-
-
-def _with_item(work: Callable[[_Item], _Result], item: _Item) -> tuple[_Item, _Result]:
-    return item, work(item)
+def _examined(examine: Callable[[int, int], Row], seed: int, number: int) -> tuple[int, Row]:
+    return number, examine(seed, number)

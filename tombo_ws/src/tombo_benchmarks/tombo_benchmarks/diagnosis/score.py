@@ -22,7 +22,7 @@ _BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
 
 
 def score_of_flights(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the score of the flights with an IMU, and of those without one beside it."""
+    """Return the score of the flights with an IMU; `mocap_only`: of those without."""
     flown = [r for r in rows if r["verdict"] != "not flown"]
     with_imu = [r for r in flown if r["formulation"].startswith("imu")]
     result = score(with_imu)
@@ -40,10 +40,9 @@ def score_of_stands(rows: Sequence[Row]) -> dict[str, Any]:
 def score(rows: Sequence[Row]) -> dict[str, Any]:
     """Return the score of a set of cases; None where none of them counts.
 
-    `top1_*`: the truth stands first, also in a set. `answer_*` counts a set of at most six that
-    holds the truth as well: where nothing measured separates causes, such as a coefficient, the
-    cell's gain and the air's density in thrust alone, a set is the right answer and its order is
-    chance.
+    `top1_*`: the truth is first, also in a set. `answer_*` also counts a set of at most six that
+    contains the truth. A set is the right answer where no measurement separates its members, and
+    its order is chance then: a coefficient, the cell's gain and the air's density in thrust alone.
     """
     result: dict[str, Any] = {"cases": len(rows)}
     single = [r for r in rows if r["kind"] == "single"]
@@ -53,8 +52,6 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         result[f"top1_{size}_cases"] = len(own)
         result[f"answer_{size}"] = _share(own, _answers)
     result["another_named"] = _share(single, _another_named)
-    unseen = [r for r in rows if r["kind"] == "unseen"]
-    result["unseen_named"] = _share(unseen, lambda r: r["verdict"] in _NAMING_VERDICTS)
     named = [r for r in rows if r["verdict"] == "named"]
     result["right_if_named"] = _share(named, lambda r: set(r["causes"]) <= set(r["hidden"]))
     result["named_cases"] = len(named)
@@ -117,7 +114,7 @@ def _answers(row: Row) -> bool:
 def _right(row: Row) -> bool:
     """Return whether a verdict is right."""
     if row["verdict"] == "none":
-        return bool(row["kind"] in ("none", "unseen"))
+        return bool(row["kind"] == "none")
     if row["verdict"] == "unknown":
         return bool(row["kind"] == "unknown")
     if row["verdict"] == "set":

@@ -1,8 +1,8 @@
 """Synthetic stand cases: nothing hidden, one effect, two, or a shape that no effect describes.
 
-The stands are richer than the candidates: every parameter is off by what a careful lab leaves,
-noise has heavy tails and is not quite what the stand says, propellers and tares scatter, the law
-that makes the data is any of two. All of it derives from (seed, number of the case).
+The stands are richer than the candidates. Every parameter is off by the tolerance of a careful
+lab. Noise has heavy tails and is not quite the stated one. Propellers and tares scatter. The law
+is any of two. All of it derives from (seed, number of the case).
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ _SQUARE: Final = (0.0, 0.5 - 8.0 / 9.0, 1.0, 16.0 / 9.0)
 """Of the axes in the figure: as high as wide, cut by the figure above and below."""
 _COLOURS: Final = 128
 _REACH_M: Final = 1.0
-"""From the middle of the path to the sides of the picture, beside half of the path."""
+"""Margin between the path and the sides of the picture."""
 _GRID_M: Final = 6.0
 _POSE: Final = ("position", "attitude", "fold")
 """Columns of the log that the vehicle is drawn by."""
@@ -167,7 +167,7 @@ def _draw_cylinder(axes: Any, obstacle: DrawnObstacle) -> None:
 def _draw_vehicle(
     axes: Any, airframe: DrawnAirframe, position: Array, attitude: Array, fold: Array
 ) -> list[Any]:
-    """Draw the vehicle and the shadows of its discs; return what was drawn.
+    """Draw the vehicle and the shadows of its discs; return the artists.
 
     A folded wing lies back in the plane of the disc: the disc that it sweeps is smaller.
 

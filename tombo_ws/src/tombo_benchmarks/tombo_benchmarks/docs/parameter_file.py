@@ -34,8 +34,8 @@ def _line(field: dataclasses.Field[Any], value: object, indent: str) -> list[str
 def parameter_file() -> str:
     """Return the default scenario as YAML: each parameter with meaning, unit, bounds and source.
 
-    Effects stand there at their null values, at which they do nothing; those that follow from
-    vehicle and propeller are left out by a comment sign, or they would no longer follow.
+    Effects have their null values, at which they do nothing. Effects that follow from vehicle and
+    propeller are commented out, or they would no longer follow.
     """
     scenario = Scenario()
     lines = [

@@ -1,8 +1,8 @@
 """Write the sources of the documentation site: `python -m tombo_benchmarks.docs.site_source DIR`.
 
-The pages of `docs/` as they are, with what they link to, and the reference: commands from the
-command line's own help, parameters from the records. `make site` builds them with Sphinx, in an
-environment of its own.
+The pages of `docs/` as they are, with the files that they link to. The reference: commands from
+the command line's help, parameters from the records. `make site` builds them with Sphinx, in a
+separate environment.
 """
 
 from __future__ import annotations

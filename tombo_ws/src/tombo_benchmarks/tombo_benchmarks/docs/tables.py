@@ -39,7 +39,7 @@ class NodeFacts:
         package: it is in.
         rate_hz: of its loop.
         sections: of the scenario that are its parameters.
-        own: its own parameters, name → meaning.
+        parameters: further ones, name → meaning.
         publishes: names of the topics it publishes.
         subscribes: names of the topics it takes.
     """
@@ -48,7 +48,7 @@ class NodeFacts:
     package: str
     rate_hz: float
     sections: tuple[str, ...]
-    own: Mapping[str, str]
+    parameters: Mapping[str, str]
     publishes: frozenset[str]
     subscribes: frozenset[str]
 
@@ -196,7 +196,7 @@ def node_table(nodes: list[NodeFacts]) -> str:
         sections = ", ".join(f"`{section}.*`" for section in node.sections)
         if "obstacle" in node.sections:
             sections += ", `effects.*`"
-        own = ", ".join(f"`{name}`" for name in node.own)
+        own = ", ".join(f"`{name}`" for name in node.parameters)
         rows.append((f"`{node.name}`", f"`{node.package}`", f"{node.rate_hz:g} Hz", sections, own))
     return table_markdown(("node", "package", "loop", "sections of parameters", "its own"), rows)
 

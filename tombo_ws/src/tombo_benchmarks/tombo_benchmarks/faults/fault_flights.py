@@ -1,4 +1,4 @@
-"""Nodes that die or stand still in a hover of the running suite, and what comes of it."""
+"""Kills or stops nodes in a hover of the running suite, and measures the flight after it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def fly_faults(
     stop: Callable[[], bool],
     faults: Sequence[NodeFault] = FAULTS,
 ) -> list[dict[str, Any]]:
-    """Fly each fault in real time; return what the vehicle did, up to a stop.
+    """Fly each fault in real time until a stop; return a row of `after_fault` for each.
 
     Args:
         behind_s: flight time behind the fault that is looked at [s].
@@ -145,7 +145,7 @@ def _fly(
 
 
 def after_fault(record: Flight, ground_m: float, at_s: float, behind_s: float) -> dict[str, Any]:
-    """Return what the vehicle does behind a fault, as the ground truth of a recording shows it.
+    """Return figures of the flight after a fault, from the ground truth of a recording.
 
     Args:
         record: of the flight.

@@ -1,8 +1,8 @@
 """A model of the whole suite for the model checker: the real cores around a point that flies.
 
 Mission, reaction and controller are the compiled functions of the flight; vehicle, estimator and
-detector are as simple as they can be, so that a minute of flight takes some milliseconds. What is
-lost, and when, is a table of faults; what must never be is counted in `Verdict`.
+detector are as simple as they can be, so that a minute of flight takes some milliseconds. A
+table of faults says which input is lost and when; `Verdict` counts the violations.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
 
 class Fault(IntEnum):
-    """What is lost, from its begin to its end."""
+    """The part that is lost, from begin to end of a fault."""
 
     MOCAP = 0
     ESTIMATOR = 1
@@ -125,7 +125,7 @@ class Verdict(Record):
 
 
 class FaultWorld(Record):
-    """The point that flies, and what is between it and the cores."""
+    """The point that flies, and its sensors and links to the cores."""
 
     position = field("m", "true, in map", 3)
     velocity = field("m/s", "true, in map", 3)
@@ -446,7 +446,7 @@ def fly_faults(s: Suite, world: FaultWorld, faults: Any, steps: int, verdict: Ve
         for i in range(4):
             attitude[i] = s.autopilot.setpoint.attitude[i] if lift > 0.0 else i // 3
         _fly_on(world, attitude, lift, world.failsafe)
-        _judge(s, world, verdict, lift, volume, allowed)
+        _classify_outcome(s, world, verdict, lift, volume, allowed)
         rest = rest + 1 if lift == 0.0 and world.position[2] < _LEG + 0.01 else 0
         if step > last + _QUIET and rest > _QUIET:
             break  # nothing turns, nothing is to come
@@ -455,7 +455,7 @@ def fly_faults(s: Suite, world: FaultWorld, faults: Any, steps: int, verdict: Ve
 
 
 @compiled(inline=False)
-def _judge(
+def _classify_outcome(
     s: Suite, world: FaultWorld, verdict: Verdict, lift: float, volume: Any, allowed: float
 ) -> None:
     """Count what must not be."""

@@ -28,7 +28,7 @@ _LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
 
 
 class LabDriver:
-    """Poses on their way to `/mocap/pose`, and what the person does; use as a context manager.
+    """Passes poses on to `/mocap/pose`, and acts as the person; use as a context manager.
 
     Attributes:
         armed: a HEARTBEAT has said so.

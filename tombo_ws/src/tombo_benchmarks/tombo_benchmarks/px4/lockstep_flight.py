@@ -92,7 +92,7 @@ def fly_lockstep(
         scenario: what to fly.
         bridge: parameters of the bridge; None: as for a simulated motion capture, whose axes need
             no proof.
-        as_mocap: what the motion capture sends in place of the true pose.
+        as_mocap: the pose that the motion capture sends in place of the true one.
         hand: carries and turns the vehicle before the flight.
 
     Raises:

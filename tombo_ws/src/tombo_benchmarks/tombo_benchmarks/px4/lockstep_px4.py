@@ -210,4 +210,4 @@ class _SimulatedPx4(LockstepPx4):
             self.watch(self._vehicle.simulator)
 
     def __exit__(self, *error: object) -> None:
-        """Nothing is open."""
+        """Leave: no socket is open."""

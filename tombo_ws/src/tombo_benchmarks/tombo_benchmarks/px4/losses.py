@@ -33,7 +33,7 @@ _AFTER_S = 12.0
 _LONGEST_S = 60.0
 _READY_S = 60.0
 _DOWN_M, _UP_M = 0.03, 0.15
-"""Height above the stand at which it is down, and at which it flies again."""
+"""Heights above its place on the ground: below the first it is down, above the second it flies."""
 _BACKLOG = 300
 """Messages that the socket of a stopped bridge keeps."""
 
@@ -43,7 +43,7 @@ class Loss:
     """A loss in hover."""
 
     name: str
-    what: str
+    kind: str
     """`poses`, `frozen`, `late`, `jumping`, `exchanged`, `link`, `bridge`, `mission`,
     `setpoints`, `px4`."""
     seconds: float = math.inf
@@ -126,12 +126,12 @@ class _LossRun(LockstepRun):
     def _lost(self) -> bool:
         return 0.0 <= self._loss_s < self.loss.seconds
 
-    def _has_lost(self, what: str) -> bool:
-        return self._lost and self.loss.what == what
+    def _has_lost(self, kind: str) -> bool:
+        return self._lost and self.loss.kind == kind
 
     @property
     def _over(self) -> bool:
-        """There is nothing more to be seen, or PX4 is to be restarted."""
+        """The flight is observed to its end, or PX4 is to be restarted."""
         if self._lost_ns is None:
             return (self._now_ns - EPOCH_NS) * 1e-9 > _READY_S
         after_s = self._loss_s
@@ -141,7 +141,7 @@ class _LossRun(LockstepRun):
         off_s = self._off_since_s
         return off_s is not None and after_s > max(ended_s, off_s) + _AFTER_S
 
-    # --- What is lost ---------------------------------------------------------------------------
+    # --- The loss -------------------------------------------------------------------------------
 
     def _take_pose(self, pose: Pose) -> None:
         if self._has_lost("bridge") or self._has_lost("poses"):
@@ -203,7 +203,7 @@ class _LossRun(LockstepRun):
         elif not self._modes or self._modes[-1][1] != mode:
             self._modes.append((self._loss_s, mode))
 
-    # --- What is seen ---------------------------------------------------------------------------
+    # --- Observation ----------------------------------------------------------------------------
 
     def _log(self, simulator: Simulator) -> None:
         state = simulator.plant.state
@@ -216,7 +216,7 @@ class _LossRun(LockstepRun):
             if hovered is not None and self._now_ns - hovered > _HOVER_S * SECOND_NS:
                 self._lost_ns = self._now_ns
                 self._place = state.position.copy()
-                self._restart_due = self.loss.what == "px4"
+                self._restart_due = self.loss.kind == "px4"
             return
         armed = bool(self._px4.armed)
         if armed:

@@ -25,9 +25,9 @@ from tombo_px4.modes import OFFBOARD, mode_name
 from tombo_sim.simulator import Simulator
 
 _HOVERS_S: Final = 3.0
-"""The plan hovers so long before the first request."""
+"""Hover of the plan before the first request."""
 _WATCHED_S: Final = 16.0
-"""Watched so long after the answer: PX4 disarms 2 s after landing, 10 s after an arming."""
+"""Time observed after the answer: PX4 disarms 2 s after landing, 10 s after an arming."""
 _LONGEST_S: Final = 90.0
 _ON_GROUND_M, _FLIES_M, _HIGHEST_M, _FARTHEST_M = 0.1, 0.3, 2.6, 0.5
 """Heights above the stand, and the largest distance from the place of the request."""

@@ -22,7 +22,7 @@ class Trial:
 
     data_set: str
     way: str
-    """healthy: what has changed; why: of one log; plain: one diagnosis of the logs."""
+    """healthy: changes since healthy flights; why: cause of one crash; plain: one diagnosis."""
     logs: tuple[str, ...]
     """Paths below the folder of all data sets."""
     mapping: str
@@ -34,8 +34,8 @@ class Trial:
     """Answers that are right; "none" is right, too, if the truth is NOTHING."""
     healthy: tuple[str, ...] = ()
     accepted: frozenset[str] = frozenset()
-    """Answers that are neither right nor wrong in flights where nothing was done: what is there
-    all the same, or a verdict that is due."""
+    """Answers that are also right in flights where nothing was done: effects of every vehicle of
+    the kind, or a verdict that is due."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,9 @@ _POSES_EARLY_MS: Final = {
     "mell_B9_trefoil_slow_rep3": 24, "mell_aligned": 16, "pid_B9_trefoil_medium_rep3": 21,
     "pid_aligned": -67,
 }  # fmt: skip
-"""NanoBench's logs whose poses are stamped earlier than the gyro's samples, by correlation of the
-gyro with the rates of the attitude, without a model (± 2 ms); the others are within 5 ms."""
+"""NanoBench's logs whose poses are stamped earlier than the gyro's samples; others: within 5 ms.
+
+By correlation of the gyro with the rates of the attitude, without a model (± 2 ms)."""
 
 
 def trials(folder: Path, few: int | None = None) -> list[Trial]:

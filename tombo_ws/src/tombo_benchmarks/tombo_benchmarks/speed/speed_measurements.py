@@ -167,9 +167,8 @@ def measure(said: ProgressText = lambda text: None) -> dict[str, float | int | N
     """Measure everything; `said` is called with the name of the next measurement.
 
     Returns:
-        steps per second of the kernel, of the batch (with its number of threads), of the training
-        environment (64 vehicles, whole flights), the real-time factors, and the times of the first
-        calls [s].
+        Steps per second of kernel, batch and training environment; threads of the batch.
+        Real-time factors of flights, and times of the first calls [s].
     """
     said("bare kernel")
     kernel = kernel_steps()

@@ -85,7 +85,7 @@ class Mishap:
             path[1, 2] += climb
         return path
 
-    def seen(self, t: float, known: Array, held: Array) -> Array:
+    def observed(self, t: float, known: Array, held: Array) -> Array:
         """Return position and velocity (6,) as the controller has them; `held` at the mishap."""
         if t < self.time:
             return known
@@ -135,7 +135,7 @@ class Mishap:
 def began(mishap: Mishap, t: Array, rates: Array, command: Array, scene_began: float) -> float:
     """Return when a flight first deviated [s]; rates (N, 3) and commands (N, 4) are true ones.
 
-    Loops that swing do so once rates or commands leave what they were before; all else at once.
+    Loops begin to oscillate once rates or commands leave their earlier range. Others do at once.
     """
     if mishap.kind != "gains_too_high" or not scene_began < np.inf:
         return scene_began

@@ -1,4 +1,4 @@
-"""`tombo diagnose`: what the simulation gets wrong in measured flights, and why."""
+"""`tombo diagnose`: errors of the simulation in measured flights, and their causes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
-from tombo_bringup.cli.result_files import publish, write_file
+from tombo_bringup.cli.result_files import check_new_file, publish, write_file
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -177,8 +177,8 @@ def run_change(
     """Read the flights, all of them once, check, and compare; `sessions`: pattern -> name.
 
     Raises:
-        InputError: a log or the mapping can't be used, no flight of one side can, a flight is on
-            both sides, or a session has no flight.
+        InputError: a log, the mapping, or all flights of one side can't be used; a flight is on
+            both sides; or a session has no flight.
     """
     from tombo_logs.readers.log_reader import logs_in, read_logs
 
@@ -211,9 +211,8 @@ def _explain_mapping(logs: list[Path], output: str | None, force: bool) -> None:
     if len(logs) > 1:
         raise InputError(f"--explain-mapping: {len(logs)} logs; accepted: one")
     path = None if output is None else Path(output)
-    if path is not None and (path.is_dir() or (path.exists() and not force)):
-        what = "a folder" if path.is_dir() else "there already"
-        raise InputError(f"-o '{path}' is {what}; accepted: a new file, or --force to replace one")
+    if path is not None:
+        check_new_file(path, force)
     from tombo_flight.command_line import command_line
     from tombo_logs.proposal.explain import explain_mapping
 

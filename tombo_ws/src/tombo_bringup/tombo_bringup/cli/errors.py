@@ -57,7 +57,7 @@ def exit_code_of(command: Callable[[], object]) -> int:
 
 
 def _usage(error: Any) -> str:
-    """Return what is wrong with a command line; for an unknown command with those there are."""
+    """Return the error in a command line; for an unknown command with the accepted ones."""
     message = str(error.format_message())
     context: Any = getattr(error, "ctx", None)
     group: Any = getattr(context, "command", None)
@@ -67,7 +67,7 @@ def _usage(error: Any) -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text in which escapes stand for what a terminal would obey."""
+    """Return a text with its control characters escaped."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 

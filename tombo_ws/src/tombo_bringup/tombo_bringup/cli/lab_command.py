@@ -1,4 +1,4 @@
-"""`tombo lab`: write a lab file, and say what it lacks."""
+"""`tombo lab`: write a lab file, and list its gaps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import argument, command, record
-from tombo_bringup.cli.result_files import check_new_yaml
+from tombo_bringup.cli.result_files import YAML, check_new_file
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def new(given: _NewFile, values: options.Settings, force: options.Force) -> None
     from tombo_flight.scenario import override
     from tombo_flight.yaml_file import write_yaml, yaml_of
 
-    check_new_yaml(given.file, force.force)
+    check_new_file(given.file, force.force, YAML)
     content: dict[str, Any] = {"tombo_lab": FORMAT}
     for setting in values.settings or []:
         content = override(content, setting, example="mocap.body=lab_1")
@@ -109,7 +109,7 @@ def check(given: _LabFile, shown: options.Shown) -> None:
 
 
 def _items(lab: Lab) -> Iterator[_Item]:
-    """Yield each item, and what it lacks."""
+    """Yield each item with its gap."""
     from tombo_flight.scenario import load_scenario
     from tombo_flight.suite.px4_connection import px4_connection
 

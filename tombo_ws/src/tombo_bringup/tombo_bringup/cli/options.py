@@ -568,10 +568,10 @@ class Results(Force, Copies):
 
 @dataclass(frozen=True)
 class OptionRule:
-    """What one option needs beside it, and what it can't be combined with."""
+    """Options that one option needs, and options that exclude it."""
 
     shown: str
-    """The option in a message; a name of a parameter in braces stands for its value."""
+    """The option in a message; a name of a parameter in braces is replaced by its value."""
     option: str
     """Name of its parameter."""
     needs: tuple[str, ...] = ()
@@ -579,7 +579,7 @@ class OptionRule:
     without: tuple[str, ...] = ()
     """Options, none of which may be given."""
     accepted: str = ""
-    """What is accepted, in words; empty: it follows from `needs` and `without`."""
+    """Accepted combinations, as text; empty: it follows from `needs` and `without`."""
 
     def check(self, given: Mapping[str, Any]) -> None:
         """Refuse a combination.
@@ -591,10 +591,10 @@ class OptionRule:
             return
         lacks = self.needs and not any(is_given(given[name]) for name in self.needs)
         if lacks or any(is_given(given[name]) for name in self.without):
-            accepted = self.accepted or self._words()
+            accepted = self.accepted or self._accepted_text()
             raise InputError(f"{self.shown.format_map(given)}: accepted: {accepted}")
 
-    def _words(self) -> str:
+    def _accepted_text(self) -> str:
         parts = []
         if self.needs:
             parts.append(f"with {_flags(self.needs, 'or')}{'' if self.without else ' only'}")

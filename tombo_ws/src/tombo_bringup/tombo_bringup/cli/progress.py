@@ -66,16 +66,3 @@ def _lines() -> ProgressCallback:
             print(f"{stage}, {min(share, 1.0):.0%}", file=sys.stderr, flush=True)
 
     return on_progress
-
-
-def duration_text(seconds: float) -> str:
-    """Return a duration in words, to the second."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return (
-        f"{hours} h {minutes} min"
-        if hours
-        else f"{minutes} min {rest} s"
-        if minutes
-        else f"{rest} s"
-    )

@@ -52,7 +52,7 @@ def report(logs: Logs, reading: Reading, results: Results) -> None:
 
 
 def read(logs: list[Path], mapping: str | None, names: dict[str, str]) -> list[Flight]:
-    """Read logs, and what the checks say of them; a log that they refuse is shown as it is.
+    """Read logs and check them; a log that they refuse is shown as it is.
 
     Raises:
         InputError: a log or the mapping can't be used.

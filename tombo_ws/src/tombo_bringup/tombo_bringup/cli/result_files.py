@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -18,10 +19,11 @@ if TYPE_CHECKING:
     from tombo_flight.report.page import Page
     from tombo_flight.sweep.study import SweepStudy
 
-_Found = TypeVar("_Found")
+_Result = TypeVar("_Result")
 _LONGEST_NAME = 120
 """Of a run's folder; two that begin alike get numbers."""
 _LONGEST_CHANGE = 30
+YAML = (".yaml", ".yml")
 
 
 @dataclass(frozen=True)
@@ -57,21 +59,23 @@ def new_run(name: str, seeds: str, settings: Sequence[str], vehicle: str | None)
 def plain_name(name: str, nameless: str = "log") -> str:
     """Return a name for a file, which can't lead out of its folder.
 
-    What is no letter, digit, dot, plus or minus becomes _; nothing at all becomes `nameless`.
+    Characters other than letters, digits, dot, plus and minus become _; an empty name `nameless`.
     """
     return (re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or nameless)[:100]
 
 
-def check_new_yaml(path: Path, force: bool) -> None:
-    """Refuse a file that would be lost, or that is no YAML.
+def check_new_file(path: Path, force: bool = False, suffixes: Sequence[str] = ()) -> None:
+    """Refuse a file that would be lost, or with another suffix than the accepted ones.
 
     Raises:
-        InputError: another suffix, or it is there and may not be replaced.
+        InputError: another suffix, a folder, or a file that may not be replaced.
     """
     from tombo_dynamics.errors import InputError
 
-    if path.suffix not in (".yaml", ".yml"):
-        raise InputError(f"'{path}': accepted: a file that ends with .yaml")
+    if suffixes and path.suffix not in suffixes:
+        raise InputError(f"'{path}': accepted: a file that ends with {suffixes[0]}")
+    if path.is_dir():
+        raise InputError(f"'{path}' is a folder; accepted: a file")
     if path.exists() and not force:
         raise InputError(f"'{path}' exists; accepted: another name, or --force")
 
@@ -80,22 +84,22 @@ def publish(
     results: Results,
     name: str | None,
     files: Sequence[str],
-    compute: Callable[[ProgressCallback], _Found],
-    page: Callable[[_Found, Path | None], Page],
-    write: Callable[[OutputFolder, _Found, ProgressCallback], object] | None = None,
-) -> tuple[_Found, list[str]]:
+    compute: Callable[[ProgressCallback], _Result],
+    page: Callable[[_Result, Path | None], Page],
+    write: Callable[[OutputFolder, _Result, ProgressCallback], object] | None = None,
+) -> tuple[_Result, list[str]]:
     """Compute, write into the folder of -o or a new one under runs/, and show the page.
 
     Args:
         results: where they go; to a new folder not if only JSON is printed.
         name: of a new folder; None: without -o nothing is written.
         files: all names that may be written.
-        compute: what is to be found.
-        page: of what was found, and the folder.
+        compute: takes a callback of progress, returns the result.
+        page: of the result, and the folder.
         write: puts it into the folder; by default the page, as JSON or HTML.
 
     Returns:
-        What was found, and the names that were written.
+        The result, and the names that were written.
 
     Raises:
         typer.Exit: a signal came.
@@ -106,7 +110,7 @@ def publish(
     from tombo_flight.report.html import page_html
     from tombo_flight.report.page import page_json
 
-    def write_pages(folder: OutputFolder, found: _Found, on_progress: ProgressCallback) -> None:
+    def write_pages(folder: OutputFolder, found: _Result, on_progress: ProgressCallback) -> None:
         for file in files:
             text = page_json if file.endswith(".json") else page_html
             write_whole(folder / file, text(page(found, None)))
@@ -125,19 +129,19 @@ def publish(
 def compute_into(
     place: Place | None,
     files: Sequence[str],
-    compute: Callable[[ProgressCallback], _Found],
-    write: Callable[[OutputFolder, _Found, ProgressCallback], object],
-) -> tuple[_Found, Path | None, list[str]]:
+    compute: Callable[[ProgressCallback], _Result],
+    write: Callable[[OutputFolder, _Result, ProgressCallback], object],
+) -> tuple[_Result, Path | None, list[str]]:
     """Compute, with a progress bar, and write; a signal ends it at once, with nothing written.
 
     Args:
         place: the folder; None: nothing is written.
         files: all names that may be written.
-        compute: what is to be found.
+        compute: takes a callback of progress, returns the result.
         write: puts it into the folder, before that is published.
 
     Returns:
-        What was found, the folder, and the names that were written.
+        The result, the folder, and the names that were written.
 
     Raises:
         typer.Exit: a signal came.
@@ -175,17 +179,17 @@ def run_sweep(
     """Fly what a sweep's folder lacks, with a progress bar and the time left, and show its page.
 
     Args:
-        study: what is flown.
+        study: the flights.
         place: of the results.
         as_json: only JSON is printed.
         workers: processes of this machine; the cores that this process may use if None.
         scheduler: address of a Dask scheduler, in place of processes of this machine.
 
     Raises:
-        typer.Exit: a signal came; what was flown is kept.
+        typer.Exit: a signal came; flights up to then are kept.
         InputError: the folder can't be used, or the scheduler can't be reached.
     """
-    from tombo_bringup.cli.progress import duration_text, progress_bar
+    from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.cli.tables import show_page
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.sweep.flying import fly_sweep
@@ -201,7 +205,7 @@ def run_sweep(
             typer.echo(f"{path}: {before} of {flights} flights are there already.")
 
         def tell(kept: int, left_s: float) -> None:
-            words = f"{kept} of {flights} flights, {duration_text(left_s)} left"
+            words = f"{kept} of {flights} flights, {timedelta(seconds=round(left_s))} left"
             on_progress(words, kept / flights)
             import matplotlib.figure  # noqa: F401  # for the page, while the processes fly
 
@@ -232,7 +236,7 @@ def write_file(path: Path, text: str) -> None:
 
 
 def unwritable(path: Path, error: OSError) -> Exception:
-    """Return what is said of a file of -o that can't be written."""
+    """Return the error of a file of -o that can't be written."""
     from tombo_dynamics.errors import InputError
 
     return InputError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -58,29 +58,22 @@ def find_executable(package: str, node: str) -> Path:
     Raises:
         InputError: no such package, or no such node in it; with what there is.
     """
+    from ament_index_python import get_packages_with_prefixes
+
     from tombo_dynamics.errors import unknown_name
 
-    packages: dict[str, dict[str, Path]] = {}
-    for name, path in _executables():
-        packages.setdefault(name, {}).setdefault(path.name, path)  # the first prefix wins
+    prefixes = (os.environ.get("AMENT_PREFIX_PATH", ""), sys.prefix)  # the suite's is the last
+    os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join(filter(None, prefixes))
+    prefixed = get_packages_with_prefixes().items()
+    folders = {name: Path(prefix) / "lib" / name for name, prefix in prefixed}
+    packages = {name: folder for name, folder in folders.items() if folder.is_dir()}
     if package not in packages:
         raise unknown_name("package", package, packages)
-    if node not in packages[package]:
-        raise unknown_name(f"node in {package}", node, packages[package])
-    return packages[package][node]
-
-
-def _executables() -> Iterator[tuple[str, Path]]:
-    """Yield (package, path) of all that can be run: files in `lib/PACKAGE` of packages known."""
-    prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
-    for prefix in dict.fromkeys(Path(text) for text in prefixes if text):
-        index = prefix / "share" / "ament_index" / "resource_index" / "packages"
-        names = sorted(entry.name for entry in index.iterdir()) if index.is_dir() else []
-        for name in names:
-            folder = prefix / "lib" / name
-            for path in sorted(folder.iterdir()) if folder.is_dir() else []:
-                if path.is_file() and os.access(path, os.X_OK):
-                    yield name, path
+    files = sorted(packages[package].iterdir())
+    nodes = {path.name: path for path in files if path.is_file() and os.access(path, os.X_OK)}
+    if node not in nodes:
+        raise unknown_name(f"node in {package}", node, nodes)
+    return nodes[node]
 
 
 def _is_python(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""What the tables and texts of several commands share on the terminal."""
+"""Tables and lines on the terminal, for all commands."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def console(**more: Any) -> Console:
     return made if made.is_terminal else Console(width=_ONE_LINE, **more)
 
 
-def print_names(table: Mapping[str, str], own: str, as_json: bool) -> None:
-    """Print names with their descriptions; as JSON, or for readers with what to do for `own`."""
+def print_names(table: Mapping[str, str], hint: str, as_json: bool) -> None:
+    """Print names with their descriptions; as JSON, or for readers with a hint behind them."""
     if as_json:
         listed = [{"name": name, "description": text} for name, text in table.items()]
         print(json.dumps(listed, indent=1))
@@ -46,7 +46,7 @@ def print_names(table: Mapping[str, str], own: str, as_json: bool) -> None:
     width = max(map(len, table))
     for name, text in table.items():
         typer.echo(f"{typer.style(name.ljust(width), bold=True)}  {text}")
-    print(f"\n{own}")
+    print(f"\n{hint}")
 
 
 def print_parameters(
@@ -139,10 +139,10 @@ class Scroll:
         else:
             self.live.console.print(Text(text, style))
 
-    def draw(self, what: RenderableType) -> None:
-        """Draw below the lines, in place of what was drawn before; on a terminal only."""
+    def draw(self, shown: RenderableType) -> None:
+        """Draw below the lines, in place of the last drawing; on a terminal only."""
         if self.live is not None:
-            self.live.update(what, refresh=True)
+            self.live.update(shown, refresh=True)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import typer
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import argument, command, record
-from tombo_bringup.cli.result_files import check_new_yaml
+from tombo_bringup.cli.result_files import YAML, check_new_file
 from tombo_bringup.cli.vehicle_fit_command import from_flights
 from tombo_dynamics.errors import InputError
 
@@ -70,7 +70,7 @@ def new(given: _NewFile, values: options.Settings, force: options.Force) -> None
     from tombo_flight.vehicle_file import FORMAT, vehicle_from_mapping, write_vehicle
 
     file = given.file
-    check_new_yaml(file, force.force)
+    check_new_file(file, force.force, YAML)
     content: dict[str, Any] = {"tombo_vehicle": FORMAT, "name": file.stem}
     for setting in values.settings or []:
         content = override(content, setting, example="vehicle.mass=1.4")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import option, record
 from tombo_bringup.cli.progress import progress_bar
-from tombo_bringup.cli.result_files import check_new_yaml
+from tombo_bringup.cli.result_files import YAML, check_new_file
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ def from_flights(
 ) -> None:
     """Fit thrust, motor lag, inertia and drag to healthy flights, and write a vehicle file.
 
-    Each value gets its tolerance; what the flights could not show is said, and stays
-    as it was known before. Each flight is then diagnosed with the vehicle that the
+    Each value gets its tolerance; values that the flights could not show are listed, and stay
+    as they were known before. Each flight is then diagnosed with the vehicle that the
     others show: how often a healthy one is accused limits the confidence of
     `tombo diagnose --vehicle FILE`, which compares other flights with this vehicle.
     Without poses gyro, accelerometer and motor commands will do: thrust curve, inertia
@@ -53,7 +53,7 @@ def from_flights(
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     output, vehicle, mass = flights.output, known.vehicle, flights.mass
-    check_new_yaml(output, force.force)
+    check_new_file(output, force.force, YAML)
     if mass is not None:
         from_mapping(VehicleParams, {"mass": mass}, "--mass: vehicle")
     with progress_bar() as on_progress:
@@ -77,7 +77,7 @@ def from_flights(
 
 
 def _base(flights: list[Flight], vehicle: str | None, mass: float | None) -> VehicleFile:
-    """Return what is known of the vehicle before its flights are looked at."""
+    """Return the vehicle as known without its flights."""
     from tombo_diagnosis.flight.calibrate import speed_in_hover
     from tombo_flight.vehicle_file import Note, read_vehicle
     from tombo_logs.readers.vehicle_airframe import vehicle_of

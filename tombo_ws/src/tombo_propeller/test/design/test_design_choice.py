@@ -25,22 +25,22 @@ def best(design) -> int:
 
 def test_measured_propellers_go_first(made):
     design = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
-    names = {design.judged.configurations[i].number for i in design.choice.order}
+    names = {design.evaluated.configurations[i].number for i in design.choice.order}
     assert names == {8, 10, 11, 13}  # 9 and 12 strike harder, 5 to 7 can't lift
     assert (
-        design.judged.configurations[best(design)].number == 11
+        design.evaluated.configurations[best(design)].number == 11
     )  # most to spare in the worse one
 
 
 def test_dragonskin_10_cannot_lift_an_s500(made):
-    judged = made(mass_kg=1.3, min_thrust_margin=1.5).judged
+    evaluated = made(mass_kg=1.3, min_thrust_margin=1.5).evaluated
     soft = [
         i
-        for i, c in enumerate(judged.configurations)
-        if c.nodus.matrix.name == "DragonSkin10" and judged.tier[i] < 2
+        for i, c in enumerate(evaluated.configurations)
+        if c.nodus.matrix.name == "DragonSkin10" and evaluated.tier[i] < 2
     ]
     assert len(soft) > 3
-    assert (judged.value[soft, 0] < 1.0).all()
+    assert (evaluated.value[soft, 0] < 1.0).all()
 
 
 @pytest.mark.slow
@@ -49,8 +49,8 @@ def test_a_heavier_vehicle_gets_a_stiffer_nodus_or_none(made):
     for mass in (0.35, 0.8, 1.3, 1.55):
         design = made(mass_kg=mass, min_thrust_margin=1.5, max_collision_force_N=130.0)
         able = [
-            nodus_moduli(design.judged.configurations[i]).G_N_MPa
-            for i in np.flatnonzero(design.choice.feasible & (design.judged.tier == 0))
+            nodus_moduli(design.evaluated.configurations[i]).G_N_MPa
+            for i in np.flatnonzero(design.choice.feasible & (design.evaluated.tier == 0))
         ]
         stiffness.append(min(able))
     assert stiffness == sorted(stiffness)
@@ -61,17 +61,19 @@ def test_a_heavier_vehicle_gets_a_stiffer_nodus_or_none(made):
 def test_what_was_not_measured_counts_at_the_worse_end(made):
     design = made(mass_kg=1.3, min_thrust_margin=1.5)
     column = NAMES.index("collision_force_N")
-    conf_3 = next(i for i, c in enumerate(design.judged.configurations) if c.number == 3)
-    conf_13 = next(i for i, c in enumerate(design.judged.configurations) if c.number == 13)
-    assert design.judged.counted[conf_13, column] == 145.5
-    assert design.judged.labels[conf_13, column] == "measured"
-    within = np.flatnonzero(design.judged.tier == 1)
+    conf_3 = next(i for i, c in enumerate(design.evaluated.configurations) if c.number == 3)
+    conf_13 = next(i for i, c in enumerate(design.evaluated.configurations) if c.number == 13)
+    assert design.evaluated.counted[conf_13, column] == 145.5
+    assert design.evaluated.labels[conf_13, column] == "measured"
+    within = np.flatnonzero(design.evaluated.tier == 1)
     assert within.size
     assert (
-        design.judged.counted[within, column] > design.judged.value[within, column] + 40.0
+        design.evaluated.counted[within, column] > design.evaluated.value[within, column] + 40.0
     ).all()
-    assert design.judged.labels[conf_3, column] == "extrapolated"  # more fibre than any measured
-    assert np.isnan(design.judged.counted[conf_3, column])
+    assert (
+        design.evaluated.labels[conf_3, column] == "extrapolated"
+    )  # more fibre than any measured
+    assert np.isnan(design.evaluated.counted[conf_3, column])
 
 
 @pytest.mark.slow
@@ -83,14 +85,14 @@ def test_outside_of_the_tests_only_what_is_asked_for_counts(made):
     assert not closed.feasible
     assert any("--extrapolate" in line for line in relief_lines(closed))
     assert opened.feasible
-    assert opened.judged.outside(best(opened))
+    assert opened.evaluated.outside(best(opened))
 
 
 def test_the_least_extrapolated_one_goes_first(made):
     design = made(mass_kg=1.4, min_thrust_margin=2.0)
-    assert design.judged.tier[best(design)] == 2
-    distances = design.judged.distance[design.choice.feasible]
-    assert design.judged.distance[best(design)] == distances.min()
+    assert design.evaluated.tier[best(design)] == 2
+    distances = design.evaluated.distance[design.choice.feasible]
+    assert design.evaluated.distance[best(design)] == distances.min()
 
 
 @pytest.mark.parametrize(
@@ -103,9 +105,9 @@ def test_the_least_extrapolated_one_goes_first(made):
     ],
 )
 def test_a_limit_that_gives_as_much_as_is_said_is_kept_and_no_less(made, asked):
-    judged = made(mass_kg=1.3, max_collision_force_N=150.0, min_thrust_margin=1.7).judged
+    evaluated = made(mass_kg=1.3, max_collision_force_N=150.0, min_thrust_margin=1.7).evaluated
     asked = limits(**asked)
-    choice = choose(judged, asked, 0.08)
+    choice = choose(evaluated, asked, 0.08)
     assert not choice.order
     assert any(value is not None for value in choice.relief)
     for k, value in enumerate(choice.relief):
@@ -115,7 +117,7 @@ def test_a_limit_that_gives_as_much_as_is_said_is_kept_and_no_less(made, asked):
         for change, feasible in ((1e-9, True), (-1e-3, False)):
             given = [*asked]
             given[k] = dataclasses.replace(asked[k], value=value + sign * change)
-            assert bool(choose(judged, given, 0.08).order) == feasible
+            assert bool(choose(evaluated, given, 0.08).order) == feasible
 
 
 @pytest.mark.slow
@@ -128,7 +130,7 @@ def test_a_users_material_is_considered(made, stiff_library):
     between = 0.5 * (own.choice.relief[0] + plain.choice.relief[0])
     assert not made(mass_kg=2.2, min_thrust_margin=between).feasible
     design = made(library=stiff_library, mass_kg=2.2, min_thrust_margin=between)
-    nodi = [design.judged.configurations[i].nodus for i in design.choice.order]
+    nodi = [design.evaluated.configurations[i].nodus for i in design.choice.order]
     assert {nodus.matrix.name for nodus in nodi} == {"Stiff50"}
 
 
@@ -136,24 +138,24 @@ def test_a_users_measured_propeller_is_recommended_for_what_it_measured(made, me
     design = made(
         library=measured_library, mass_kg=1.3, min_thrust_margin=2.2, max_collision_force_N=130.0
     )
-    assert design.judged.configurations[best(design)].number == 20
-    assert design.judged.readings["recovery_s"].count == 10
-    assert design.judged.tested[1, list(PROPERTIES).index("G_N_MPa")] > 0.4
+    assert design.evaluated.configurations[best(design)].number == 20
+    assert design.evaluated.readings["recovery_s"].count == 10
+    assert design.evaluated.tested[1, list(PROPERTIES).index("G_N_MPa")] > 0.4
 
 
 def test_a_prediction_must_gain_more_than_the_model_is_wrong_by(made):
     design = made(mass_kg=1.3, min_thrust_margin=1.5)
     worst = design.choice.slack.min(axis=1)
-    measured = worst[design.judged.tier == 0].max()
-    rival = int(np.flatnonzero((design.judged.tier == 2) & (worst > measured + 0.02))[0])
-    tier = design.judged.tier.copy()
+    measured = worst[design.evaluated.tier == 0].max()
+    rival = int(np.flatnonzero((design.evaluated.tier == 2) & (worst > measured + 0.02))[0])
+    tier = design.evaluated.tier.copy()
     tier[tier == 1] = 2
     tier[rival] = 1
-    trusted = dataclasses.replace(design.judged, tier=tier)
+    trusted = dataclasses.replace(design.evaluated, tier=tier)
     more = float(worst[rival] - measured)
     assert choose(trusted, design.choice.limits, 0.9 * more).order[0] == rival
     assert choose(trusted, design.choice.limits, 1.1 * more).order[0] == best(design)
-    assert design.judged.tier[best(design)] == 0  # an extrapolation never ranks higher
+    assert design.evaluated.tier[best(design)] == 0  # an extrapolation never ranks higher
 
 
 @pytest.mark.parametrize(

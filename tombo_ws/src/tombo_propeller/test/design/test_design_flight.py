@@ -24,13 +24,13 @@ SEEDS = range(6)
 
 
 def index_of(design, number: int) -> int:
-    return next(i for i, c in enumerate(design.judged.configurations) if c.number == number)
+    return next(i for i, c in enumerate(design.evaluated.configurations) if c.number == number)
 
 
 def test_the_recommended_one_flies_as_claimed(made):
     design = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
     recommendation = recommend(design, SEEDS)
-    assert design.judged.configurations[recommendation.index].number == 11
+    assert design.evaluated.configurations[recommendation.index].number == 11
     assert recommendation.check.held
     claims = {c.text: c for c in (*recommendation.check.claims, *recommendation.check.limits)}
     assert claims["flights that recover after it"].simulated == len(SEEDS)
@@ -43,18 +43,18 @@ def test_the_recommended_one_flies_as_claimed(made):
 def test_a_designed_nodus_flies_from_its_library(made):
     design = made(mass_kg=1.2, min_thrust_margin=2.5)
     recommendation = recommend(design, range(2))
-    chosen = design.judged.configurations[recommendation.index]
+    chosen = design.evaluated.configurations[recommendation.index]
     assert not is_built_in(chosen)
     assert recommendation.check.held
 
 
 def test_blades_with_too_weak_a_push_let_it_fall_and_are_rejected(made):
     design = made(mass_kg=1.3, min_thrust_margin=1.5, max_collision_force_N=100.0)
-    assert [design.judged.configurations[i].number for i in design.choice.order] == [8]
+    assert [design.evaluated.configurations[i].number for i in design.choice.order] == [8]
     recommendation = recommend(design, SEEDS)
     assert recommendation.index is None
     ((failed, check),) = recommendation.failed
-    assert design.judged.configurations[failed].number == 8
+    assert design.evaluated.configurations[failed].number == 8
     assert not check.held
     assert check.largest_fall_m > 1.0
 
@@ -62,15 +62,15 @@ def test_blades_with_too_weak_a_push_let_it_fall_and_are_rejected(made):
 def test_a_false_claim_is_seen(made):
     design = made(mass_kg=1.3, min_thrust_margin=1.7, max_collision_force_N=150.0)
     index = index_of(design, 13)
-    honest = design.judged.value[index, 0]
-    hover = design.judged.operating.hover_speed[index]
+    honest = design.evaluated.value[index, 0]
+    hover = design.evaluated.operating.hover_speed[index]
     try:
-        design.judged.value[index, 0] = 1.1 * honest
-        design.judged.operating.hover_speed[index] = 1.3 * hover
+        design.evaluated.value[index, 0] = 1.1 * honest
+        design.evaluated.operating.hover_speed[index] = 1.3 * hover
         broken = {c.text for c in check_design(design, index, range(2)).claims if not c.held}
     finally:
-        design.judged.value[index, 0] = honest
-        design.judged.operating.hover_speed[index] = hover
+        design.evaluated.value[index, 0] = honest
+        design.evaluated.operating.hover_speed[index] = hover
     assert broken == {"thrust margin", "rotor speed in hover"}
 
 
@@ -117,7 +117,7 @@ def test_files_of_a_design_can_be_moved_and_flown(made, tmp_path: Path):
     assert files <= set(DESIGN_FILES)
     assert {"design.json", "design.yaml", "candidates.png", "library/configurations.yaml"} <= files
     scenario = load_scenario(str(moved / "design.yaml"))
-    chosen = design.judged.configurations[recommendation.index]
+    chosen = design.evaluated.configurations[recommendation.index]
     assert mounted_configuration(scenario.propeller) == chosen
     top = float(thrust_map_of(scenario.propeller).thrust(500.0))
     assert top == pytest.approx(float(thrust_map(chosen).thrust(500.0)))

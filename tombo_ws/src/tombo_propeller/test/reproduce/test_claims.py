@@ -15,7 +15,7 @@ from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, JUDGES, O
 from tombo_propeller.reproduce.claims.model_claims import weighted_slope
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber, Row3
-from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, judged, reproduce
+from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, evaluate_claims, reproduce
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_every_claim_says_what_it_needs(whole: Reproduction) -> None:
         for text in (c.claim, c.source, c.paper, c.quantity, c.unit, c.tolerance):
             assert text, c.name
         assert c.evidence.endswith(".") and "{" not in c.evidence, c.evidence
-        assert c.judge in c.verdicts and c.verdicts.keys() == c.computed.keys()
+        assert c.deciding_law in c.verdicts and c.verdicts.keys() == c.computed.keys()
         for value in c.computed.values():
             assert value is None or math.isfinite(value), c.name
 
@@ -223,7 +223,7 @@ def test_a_changed_number_changes_the_verdict(
     whole: Reproduction, name: str, change: Change, after: str
 ) -> None:
     assert whole.claim(name).verdict != after
-    assert judged(*change(whole.paper, whole.numbers)).claim(name).verdict == after
+    assert evaluate_claims(*change(whole.paper, whole.numbers)).claim(name).verdict == after
 
 
 def test_only_two_verdicts_do_not_depend_on_numbers() -> None:

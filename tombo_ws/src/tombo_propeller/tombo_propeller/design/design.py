@@ -195,7 +195,7 @@ class Choice:
     """Candidates that break the limits least."""
 
 
-def choose(judged: CandidateTable, limits: Sequence[DesignLimit], gain: float) -> Choice:
+def choose(evaluated: CandidateTable, limits: Sequence[DesignLimit], gain: float) -> Choice:
     """Order the candidates that keep the limits, and find how far the others are from them.
 
     Evidence comes first: measured candidates before predictions within the tested range, and these
@@ -204,30 +204,30 @@ def choose(judged: CandidateTable, limits: Sequence[DesignLimit], gain: float) -
     range overtakes a measurement only if its smallest slack is larger by more than `gain`.
 
     Args:
-        judged: the candidates.
+        evaluated: the candidates.
         limits: what to keep to.
         gain: share that the model must gain to be believed over a measurement: its own error.
     """
-    left = slack(judged.counted, limits)
+    left = slack(evaluated.counted, limits)
     worst = left.min(axis=1)
     feasible = worst >= 0.0
-    keys = (-judged.counted[:, 0], -worst, judged.distance, judged.tier)
+    keys = (-evaluated.counted[:, 0], -worst, evaluated.distance, evaluated.tier)
     order = [int(i) for i in np.lexsort(keys) if feasible[i]]
-    overtake = [i for i in order if judged.tier[i] == 1 and worst[i] > worst[order[0]] + gain]
-    if overtake and judged.tier[order[0]] == 0:
+    overtake = [i for i in order if evaluated.tier[i] == 1 and worst[i] > worst[order[0]] + gain]
+    if overtake and evaluated.tier[order[0]] == 0:
         order.remove(overtake[0])
         order.insert(0, overtake[0])
-    misses = [int(i) for i in np.lexsort((judged.tier, -worst)) if -np.inf < worst[i] < 0.0]
-    relief = tuple(_relief(judged, left, k, limits) for k in range(len(limits)))
+    misses = [int(i) for i in np.lexsort((evaluated.tier, -worst)) if -np.inf < worst[i] < 0.0]
+    relief = tuple(_relief(evaluated, left, k, limits) for k in range(len(limits)))
     return Choice(tuple(limits), left, feasible, tuple(order), relief, tuple(misses[:_NEAREST]))
 
 
 def _relief(
-    judged: CandidateTable, left: Array, k: int, limits: Sequence[DesignLimit]
+    evaluated: CandidateTable, left: Array, k: int, limits: Sequence[DesignLimit]
 ) -> float | None:
     others = np.delete(left, k, axis=1)
     able = (others >= 0.0).all(axis=1)
-    figures = judged.counted[able, NAMES.index(limits[k].quantity.name)]
+    figures = evaluated.counted[able, NAMES.index(limits[k].quantity.name)]
     figures = figures[np.isfinite(figures)]
     if not figures.size:
         return None
@@ -243,7 +243,7 @@ class Design:
     """As it flies with the blade's own nodus."""
     thrust_error: float
     """RMS error of the model's thrust at 2000 rpm, as a share."""
-    judged: CandidateTable
+    evaluated: CandidateTable
     choice: Choice
 
     @property
@@ -272,7 +272,7 @@ def design(
     """Evaluate and rank all candidates.
 
     Args:
-        request: what is asked for.
+        request: vehicle and limits.
         library: materials, configurations and measurements.
         blade: that the propeller is made with; a nodus may be put anywhere on it.
         on_progress: called with the progress.
@@ -286,8 +286,8 @@ def design(
     on_progress("candidates", 0.0)
     every = candidates(library, blade)
     on_progress(f"{len(every)} candidates", 0.1)
-    judged = candidate_table(every, measured, blade, request, vehicle)
-    if not judged.value[:, 0].max() > 0.0:
+    evaluated = candidate_table(every, measured, blade, request, vehicle)
+    if not evaluated.value[:, 0].max() > 0.0:
         raise InputError(f"blade {blade.name}: no nodus gives thrust; accepted: another blade")
     error = thrust_error(measured, request.law)
-    return Design(request, vehicle, error, judged, choose(judged, request.limits, error))
+    return Design(request, vehicle, error, evaluated, choose(evaluated, request.limits, error))

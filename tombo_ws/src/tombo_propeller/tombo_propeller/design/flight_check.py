@@ -122,7 +122,7 @@ def _alike(design: Design, one: int, other: int) -> bool:
 
     It would if its blades are struck alike, and it has hardly more thrust.
     """
-    a, b = design.judged.value[one], design.judged.value[other]
+    a, b = design.evaluated.value[one], design.evaluated.value[other]
     same = bool((abs(a[1:3] - b[1:3]) <= 1e-9).all())
     return same and bool(a[0] <= _MORE * b[0])
 
@@ -141,7 +141,7 @@ def check_design(
     Raises:
         InputError: the simulator refuses the vehicle.
     """
-    configuration = design.judged.configurations[index]
+    configuration = design.evaluated.configurations[index]
     force, recovery = strike_of(design, index)
     values = scenario_of(design.request, configuration, force, recovery)
     with tempfile.TemporaryDirectory(prefix="tombo-design-") as folder:
@@ -222,12 +222,12 @@ def _claims(
     count = len(flown["collided"])
     collided, recovered = (int(flown[name].sum()) for name in ("collided", "recovered"))
     force, recovery = strike_of(design, index)
-    hover = float(design.judged.operating.hover_speed[index])
+    hover = float(design.evaluated.operating.hover_speed[index])
     speeds = flown["hover_speed"][np.isfinite(flown["hover_speed"])].tolist()
     speed = sum(speeds) / len(speeds) if speeds else math.nan
     # Speed goes with the root of thrust; every flight draws four rotors.
     drift = _CLOSE + _LEFT_OUT * 0.5 * scatter / math.sqrt(4.0 * count)
-    claimed = float(design.judged.value[index, NAMES.index("thrust_margin")])
+    claimed = float(design.evaluated.value[index, NAMES.index("thrust_margin")])
     push, back = (float(np.fmax.reduce(flown[name])) for name in ("force_N", "recovery_s"))
     rpm = 30.0 / math.pi
     in_margin = abs(margin - claimed) <= _CLOSE * abs(claimed)
@@ -261,7 +261,7 @@ def _limits(design: Design, simulated: dict[str, float]) -> tuple[FigureCheck, .
 
 def strike_of(design: Design, index: int) -> tuple[float, float]:
     """Return collision force [N] and recovery time [s], of a prediction the upper end."""
-    high = design.judged.high[index]
+    high = design.evaluated.high[index]
     return float(high[NAMES.index("collision_force_N")]), float(high[NAMES.index("recovery_s")])
 
 

@@ -71,7 +71,7 @@ def design_page(design: Design, recommendation: Recommendation) -> Page:
         title=f"Design: {data['headline']}",
         eyebrow="Tombo propeller design",
         headline=data["headline"],
-        summary=f"{words.asked(design)}. Law {design.request.law}.",
+        summary=f"{words.vehicle_and_limits(design)}. Law {design.request.law}.",
         cards=[] if index is None else _cards(design, index),
         sections=[
             Section("Why", [Text(why)]),
@@ -102,7 +102,7 @@ def write_design(
     page = design_page(design, recommendation)
     (folder / JSON).write_text(page_json(page), encoding="utf-8", newline="\n")
     if recommendation.index is not None:
-        configuration = design.judged.configurations[recommendation.index]
+        configuration = design.evaluated.configurations[recommendation.index]
         strike = strike_of(design, recommendation.index)
         scenario = scenario_of(design.request, configuration, *strike)
         write_flyable(folder, scenario, configuration)
@@ -112,9 +112,9 @@ def write_design(
 
 
 def _cards(design: Design, index: int) -> list[Card]:
-    values = design.judged.value[index].tolist()
+    values = design.evaluated.value[index].tolist()
     return [
-        Card(q.words, words.figure(value, q), q.unit, words.known(design, index, column))
+        Card(q.label, words.figure(value, q), q.unit, words.known(design, index, column))
         for column, (q, value) in enumerate(zip(QUANTITIES, values, strict=True))
     ]
 
@@ -150,13 +150,13 @@ def _candidate_table(design: Design, recommendation: Recommendation) -> Table:
         )
         for index, why in words.candidates_shown(design, recommendation)
     ]
-    head = ("candidate", *(f"{q.words} {q.unit}".strip() for q in QUANTITIES), "")
+    head = ("candidate", *(f"{q.label} {q.unit}".strip() for q in QUANTITIES), "")
     return Table(head, rows, note=words.KEY)
 
 
 def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, Any]:
     """Return the content of `design.json`; None where it is not known."""
-    choice, judged = design.choice, design.judged
+    choice, evaluated = design.choice, design.evaluated
     index = recommendation.index
 
     mapping: dict[str, Any] = plain(
@@ -189,14 +189,14 @@ def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, 
                 for i, why in words.alternatives(design, recommendation)
             ],
             "ranked": [_candidate(design, i) for i in choice.order[:_RANKED]],
-            "measured": [_candidate(design, int(i)) for i in (judged.tier == 0).nonzero()[0]],
-            "candidates": len(judged.configurations),
+            "measured": [_candidate(design, int(i)) for i in (evaluated.tier == 0).nonzero()[0]],
+            "candidates": len(evaluated.configurations),
             "candidates_feasible": int(choice.feasible.sum()),
             "request": dataclasses.asdict(design.request),
             "limits": [limit.text for limit in choice.limits],
             "vehicle": dataclasses.asdict(design.vehicle),
-            "tested": dict(zip(PROPERTIES, judged.tested.T, strict=True)),
-            "predictions": {name: dataclasses.asdict(r) for name, r in judged.readings.items()},
+            "tested": dict(zip(PROPERTIES, evaluated.tested.T, strict=True)),
+            "predictions": {name: dataclasses.asdict(r) for name, r in evaluated.readings.items()},
             "thrust_error": design.thrust_error,
             "caveats": words.caveats(design, recommendation),
             "version": tombo_version(),
@@ -207,11 +207,11 @@ def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, 
 
 def _candidate(design: Design, index: int) -> dict[str, Any]:
     """Return a candidate with its figures and how each is known."""
-    judged = design.judged
-    configuration = judged.configurations[index]
+    evaluated = design.evaluated
+    configuration = evaluated.configurations[index]
     nodus = configuration.nodus
     assert nodus is not None
-    operating = judged.operating
+    operating = evaluated.operating
     limits = zip(design.choice.limits, design.choice.slack[index], strict=True)
     return {
         "name": words.name_of(design, index),
@@ -219,11 +219,11 @@ def _candidate(design: Design, index: int) -> dict[str, Any]:
         "nodus": describe(configuration),
         "matrix": nodus.matrix.name,
         "fibre": nodus.fibre.name,
-        **dict(zip(PROPERTIES, judged.properties[index], strict=True)),
+        **dict(zip(PROPERTIES, evaluated.properties[index], strict=True)),
         "fibres": nodus.fibres,
         "fibre_diameter_mm": nodus.fibre_diameter_mm,
-        "evidence": words.EVIDENCE[int(judged.tier[index])],
-        "outside_of_tests": judged.outside(index),
+        "evidence": words.EVIDENCE[int(evaluated.tier[index])],
+        "outside_of_tests": evaluated.outside(index),
         "hover_rpm": float(operating.hover_speed[index]) / RPM,
         "usable_rpm": float(operating.usable_speed[index]) / RPM,
         "usable_thrust_N": float(operating.usable_thrust[index]),
@@ -231,11 +231,11 @@ def _candidate(design: Design, index: int) -> dict[str, Any]:
         "twist_in_hover_deg": math.degrees(float(operating.hover_twist[index])),
         "figures": {
             q.name: {
-                "value": float(judged.value[index, k]),
-                "low": float(judged.low[index, k]),
-                "high": float(judged.high[index, k]),
-                "counted": float(judged.counted[index, k]),
-                "known": judged.labels[index, k],
+                "value": float(evaluated.value[index, k]),
+                "low": float(evaluated.low[index, k]),
+                "high": float(evaluated.high[index, k]),
+                "counted": float(evaluated.counted[index, k]),
+                "known": evaluated.labels[index, k],
             }
             for k, q in enumerate(QUANTITIES)
         },

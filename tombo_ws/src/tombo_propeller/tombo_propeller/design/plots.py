@@ -13,7 +13,7 @@ from tombo_flight.report.figure import new_figure
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_check import Recommendation
 from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Criterion
-from tombo_propeller.design.summary_text import asked, headline
+from tombo_propeller.design.summary_text import headline, vehicle_and_limits
 
 _TIERS: Final = (  # label, marker, size, opacity, colour; those drawn last lie on top
     (2, "outside of what was tested", ".", 2.6, 0.35, style.SKY),
@@ -31,7 +31,7 @@ def draw_candidates(design: Design, recommendation: Recommendation) -> Figure:
         for axes in grid[1]:
             axes.set_xlabel("thrust margin, modelled")
         sheet.suptitle(
-            f"{headline(design, recommendation)}\n{asked(design)}",
+            f"{headline(design, recommendation)}\n{vehicle_and_limits(design)}",
             x=0.01, ha="left", weight="bold", size=10.5, parse_math=False, wrap=True,
         )  # fmt: skip
         lines = grid.flat[-1].get_lines()
@@ -45,16 +45,16 @@ def draw_candidates(design: Design, recommendation: Recommendation) -> Figure:
 def _draw_figure(
     axes: Axes, design: Design, recommendation: Recommendation, quantity: Criterion
 ) -> None:
-    judged = design.judged
-    x, y = judged.value[:, 0], judged.value[:, NAMES.index(quantity.name)]
+    evaluated = design.evaluated
+    x, y = evaluated.value[:, 0], evaluated.value[:, NAMES.index(quantity.name)]
     for tier, label, marker, size, alpha, colour in _TIERS:
-        here = judged.tier == tier
+        here = evaluated.tier == tier
         axes.plot(x[here], y[here], ls="", marker=marker, ms=size, mew=0, color=colour,
                   alpha=alpha, label=label)  # fmt: skip
-    for index in np.flatnonzero(judged.tier == 0):
+    for index in np.flatnonzero(evaluated.tier == 0):
         if np.isfinite(y[index]):
             axes.annotate(
-                str(judged.configurations[index].number), (x[index], y[index]), (5, 5),
+                str(evaluated.configurations[index].number), (x[index], y[index]), (5, 5),
                 textcoords="offset points", fontsize=7.5,
             )  # fmt: skip
     for limit in design.choice.limits:
@@ -71,4 +71,4 @@ def _draw_figure(
                   color=colour, label=label)  # fmt: skip
     where = "at 2000 rpm" if quantity.name in MEASURED else "in hover, modelled"
     unit = f" [{quantity.unit}]" if quantity.unit else ""
-    axes.set_ylabel(f"{quantity.words} {where}{unit}")
+    axes.set_ylabel(f"{quantity.label} {where}{unit}")

@@ -23,10 +23,10 @@ _DRIVES_XX, _DRIVES_ZZ = 0.0098, 0.0196
 
 
 class Criterion(NamedTuple):
-    """A figure that a design is judged by."""
+    """A figure that a design is evaluated by."""
 
     name: str
-    words: str
+    label: str
     unit: str
     more_is_better: bool
 
@@ -64,7 +64,7 @@ class DesignLimit:
     def text(self) -> str:
         """The limit in words, as `collision force at most 150 N`."""
         side = "at least" if self.quantity.more_is_better else "at most"
-        return f"{self.quantity.words} {side} {self.value:g} {self.quantity.unit}".rstrip()
+        return f"{self.quantity.label} {side} {self.value:g} {self.quantity.unit}".rstrip()
 
 
 @dataclass(frozen=True, kw_only=True)

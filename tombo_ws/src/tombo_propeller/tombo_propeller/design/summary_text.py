@@ -26,14 +26,14 @@ def headline(design: Design, recommendation: Recommendation) -> str:
     """Return the outcome in a line."""
     index = recommendation.index
     if index is not None:
-        name, whole = name_of(design, index), describe(design.judged.configurations[index])
+        name, whole = name_of(design, index), describe(design.evaluated.configurations[index])
         return whole if name == whole else f"{name}: {whole}"
     if design.feasible:
         return "Some candidates keep to all limits, but none of those flown recovers as claimed"
     return "No candidate keeps to all limits"
 
 
-def asked(design: Design) -> str:
+def vehicle_and_limits(design: Design) -> str:
     """Return the vehicle and the limits."""
     limits = ", ".join(limit.text for limit in design.choice.limits)
     request = design.request
@@ -42,11 +42,11 @@ def asked(design: Design) -> str:
 
 def reasons(design: Design, recommendation: Recommendation) -> list[str]:
     """Return why this one: evidence, what binds, who else was tried."""
-    judged, choice = design.judged, design.choice
-    counts = [int((choice.feasible & (judged.tier == k)).sum()) for k in range(3)]
+    evaluated, choice = design.evaluated, design.choice
+    counts = [int((choice.feasible & (evaluated.tier == k)).sum()) for k in range(3)]
     split = ", ".join(f"{n} {words}" for n, words in zip(counts, EVIDENCE, strict=True))
     lines = [
-        f"{int(choice.feasible.sum())} of {len(judged.configurations)} candidates keep to all "
+        f"{int(choice.feasible.sum())} of {len(evaluated.configurations)} candidates keep to all "
         f"limits ({split})."
     ]
     for failed, check in recommendation.failed:
@@ -65,16 +65,16 @@ def reasons(design: Design, recommendation: Recommendation) -> list[str]:
     index = recommendation.index
     if index is None:
         return lines
-    lines.append(f"It is {EVIDENCE[int(judged.tier[index])]}; measured ones go first.")
+    lines.append(f"It is {EVIDENCE[int(evaluated.tier[index])]}; measured ones go first.")
     k = int(choice.slack[index].argmin())
     limit = choice.limits[k]
-    value = figure(judged.counted[index, NAMES.index(limit.quantity.name)], limit.quantity)
+    value = figure(evaluated.counted[index, NAMES.index(limit.quantity.name)], limit.quantity)
     spare = choice.slack[index, k]
     lines.append(f"What binds: {limit.text}; it has {value}, {spare:.0%} to spare.")
-    if judged.operating.motor_limits[index]:
+    if evaluated.operating.motor_limits[index]:
         lines.append("The motor limits its thrust, not the nodus: a stiffer one gains little.")
     else:
-        usable = judged.operating.usable_speed[index] / RPM
+        usable = evaluated.operating.usable_speed[index] / RPM
         lines.append(
             f"The nodus limits its thrust: 0.9 of the speed of maximum thrust is {usable:.0f} rpm."
         )
@@ -117,8 +117,8 @@ def relief_lines(design: Design) -> list[str]:
 
 def _predictions_would_do(design: Design) -> bool:
     """Return whether anything keeps to all limits once every prediction counts."""
-    judged = design.judged
-    counted = np.where(np.isnan(judged.counted), judged.high, judged.counted)
+    evaluated = design.evaluated
+    counted = np.where(np.isnan(evaluated.counted), evaluated.high, evaluated.counted)
     return bool((slack(counted, design.choice.limits).min(axis=1) >= 0.0).any())
 
 
@@ -137,17 +137,17 @@ def caveats(design: Design, recommendation: Recommendation) -> list[str]:
 
 
 def _of_the_recommended(design: Design, index: int) -> list[str]:
-    judged = design.judged
-    hover = judged.operating.hover_speed[index] / RPM
-    top = judged.operating.usable_speed[index] / RPM
+    evaluated = design.evaluated
+    hover = evaluated.operating.hover_speed[index] / RPM
+    top = evaluated.operating.usable_speed[index] / RPM
     lines = []
-    if outside := judged.outside(index):
+    if outside := evaluated.outside(index):
         lines.append(f"Outside of what was tested: {'; '.join(outside)}.")
     lines.append(
         f"Hover at {hover:.0f} rpm and the thrust margin at {top:.0f} rpm are the model's: nobody "
         "measured beyond 3200 rpm."
     )
-    force = float(judged.value[index, NAMES.index("collision_force_N")])
+    force = float(evaluated.value[index, NAMES.index("collision_force_N")])
     if math.isfinite(force):
         lines.append(
             f"If the force grows in proportion to speed, {force:.0f} N at 2000 rpm are "
@@ -168,7 +168,7 @@ def _reached(value: float, limit: DesignLimit) -> str:
 
 def name_of(design: Design, index: int) -> str:
     """Return a candidate's name: its number where the library has one."""
-    configuration = design.judged.configurations[index]
+    configuration = design.evaluated.configurations[index]
     if configuration.measured is not None or is_built_in(configuration):
         return f"Conf. {configuration.number}"
     return describe(configuration)
@@ -176,7 +176,7 @@ def name_of(design: Design, index: int) -> str:
 
 def label_of(design: Design, index: int) -> str:
     """Return a candidate's name for a table."""
-    name, configuration = name_of(design, index), design.judged.configurations[index]
+    name, configuration = name_of(design, index), design.evaluated.configurations[index]
     return short(configuration) if name == describe(configuration) else name
 
 
@@ -190,9 +190,9 @@ def figure(value: float, quantity: Criterion) -> str:
 
 def known(design: Design, index: int, column: int) -> str:
     """Return how a figure is known, with the interval of a prediction."""
-    judged = design.judged
-    label = judged.labels[index, column]
-    low, high = float(judged.low[index, column]), float(judged.high[index, column])
+    evaluated = design.evaluated
+    label = evaluated.labels[index, column]
+    low, high = float(evaluated.low[index, column]), float(evaluated.high[index, column])
     if not math.isfinite(low) or not high > low:
         return f"{label}{' in speed' if QUANTITIES[column].name not in MEASURED else ''}"
     quantity = QUANTITIES[column]
@@ -201,13 +201,13 @@ def known(design: Design, index: int, column: int) -> str:
 
 def cell(design: Design, index: int, column: int) -> str:
     """Return a figure for a table: `*` where it is measured, the upper end where predicted."""
-    judged, quantity = design.judged, QUANTITIES[column]
-    text = figure(float(judged.value[index, column]), quantity)
-    if judged.labels[index, column] == "measured":
+    evaluated, quantity = design.evaluated, QUANTITIES[column]
+    text = figure(float(evaluated.value[index, column]), quantity)
+    if evaluated.labels[index, column] == "measured":
         return f"{text}*"
-    high = float(judged.high[index, column])
-    if high > judged.low[index, column]:
-        doubt = "?" if judged.labels[index, column] == "extrapolated" else ""
+    high = float(evaluated.high[index, column])
+    if high > evaluated.low[index, column]:
+        doubt = "?" if evaluated.labels[index, column] == "extrapolated" else ""
         return f"≤{figure(high, quantity)}{doubt}"
     return text
 
@@ -218,7 +218,7 @@ def candidates_shown(design: Design, recommendation: Recommendation) -> list[tup
     rows += [(index, "fails in flight") for index, _ in recommendation.failed]
     rows += alternatives(design, recommendation)
     there = {index for index, _ in rows}
-    tiers = design.judged.tier
+    tiers = design.evaluated.tier
     for index in range(len(tiers)):
         if tiers[index] == 0 and index not in there:
             rows.append((index, broken_by(design, index) or _UNFLOWN))
@@ -239,7 +239,7 @@ def alternatives(
 def broken_by(design: Design, index: int) -> str:
     """Return which limits a candidate breaks, and which are unknown."""
     slacks = dict(zip(design.choice.limits, design.choice.slack[index], strict=True))
-    broken = " and ".join(k.quantity.words for k, s in slacks.items() if -math.inf < s < 0.0)
-    unknown = " and ".join(k.quantity.words for k, s in slacks.items() if s == -math.inf)
+    broken = " and ".join(k.quantity.label for k, s in slacks.items() if -math.inf < s < 0.0)
+    unknown = " and ".join(k.quantity.label for k, s in slacks.items() if s == -math.inf)
     parts = [f"breaks {broken}" if broken else "", f"{unknown} unknown" if unknown else ""]
     return "; ".join(part for part in parts if part)

@@ -71,8 +71,10 @@ class LawNumbers:
     rigid_ratio_spread: float
     """Relative, of the rigid propeller from 100 to 18 000 rpm."""
     collapse: float
-    """Largest relative difference between configurations of T / G_N, twist and lift over drag at
-    equal omega^2 / G_N, without gravity and with one E_N / G_N."""
+    """Largest relative difference of T / G_N, twist and lift over drag between configurations.
+
+    At equal omega^2 / G_N, without gravity and with one E_N / G_N.
+    """
 
 
 @dataclass(frozen=True)

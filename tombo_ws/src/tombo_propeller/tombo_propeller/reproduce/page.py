@@ -91,7 +91,7 @@ def _claim_table(r: Reproduction) -> Table:
 
 
 def _claim_row(claim: Claim, laws: list[str]) -> TableRow:
-    if claim.judge == DATA:
+    if claim.deciding_law == DATA:
         value = with_unit(claim.computed[DATA], claim.unit)
         computed = [Cell(value), *([Cell("")] * (len(laws) - 1))]
     else:
@@ -162,7 +162,7 @@ def verdict_text(claim: Claim) -> str:
 
 def computed_text(claim: Claim) -> str:
     """Return the computed numbers by law, or the one number where no law is concerned."""
-    if claim.judge == DATA:
+    if claim.deciding_law == DATA:
         return with_unit(claim.computed[DATA], claim.unit)
     values = {with_unit(v, claim.unit) for v in claim.computed.values()}
     if len(values) == 1:

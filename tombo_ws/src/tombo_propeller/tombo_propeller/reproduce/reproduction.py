@@ -14,8 +14,8 @@ from tombo_propeller.reproduce.claims.claim import (
     HOLDS,
     OPEN,
     Claim,
+    all_claims,
     claim_texts,
-    judged_claims,
 )
 from tombo_propeller.reproduce.computed_values import Numbers, compute
 from tombo_propeller.reproduce.paper_values import Paper, read_paper
@@ -63,12 +63,12 @@ def reproduce(laws: tuple[str, ...] = tuple(LAWS)) -> Reproduction:
     """
     paper = read_paper()
     low, high = (float(s) for s in paper.texts["model"]["thrust_speeds_rpm"])
-    return judged(paper, compute(laws, (low, high)))
+    return evaluate_claims(paper, compute(laws, (low, high)))
 
 
-def judged(paper: Paper, numbers: Numbers) -> Reproduction:
+def evaluate_claims(paper: Paper, numbers: Numbers) -> Reproduction:
     """Evaluate every claim from printed and computed values."""
-    return Reproduction(paper, numbers, judged_claims(paper, numbers))
+    return Reproduction(paper, numbers, all_claims(paper, numbers))
 
 
 def headline(r: Reproduction) -> str:

@@ -56,13 +56,13 @@ def propeller_curves(
         top_rpm: highest speed; None or more than that: Mach 0.6 at the tip.
 
     Returns:
-        `rpm`, and `panels`: each a figure with its unit, how it is `known`, its `curves` over the
-        speeds (to five digits, None where there is no value, `low` and `high` their band), and
-        `readings`: printed or measured values. `figures`: single numbers. `refused`: law -> why
-        it can't be computed. `highest_rpm`: the tip is at Mach 0.6.
+        `rpm`, and `panels`: each a figure with its unit, its source (`known`), its `curves` over
+        the speeds and `readings`, printed or measured values. A curve has five digits, None for
+        a missing value, and `low` and `high` as its band. `figures`: single numbers. `refused`:
+        law -> why it can't be computed. `highest_rpm`: the tip is at Mach 0.6.
 
     Raises:
-        InputError: the speed is no number above 0.
+        InputError: the speed is not a number above 0.
     """
     chosen = choice.configuration
     highest = top_speed(chosen) / RPM
@@ -91,7 +91,7 @@ def propeller_curves(
         _force(choice, rpm, library),
     ]  # fmt: skip
     return {
-        "label": choice.words,
+        "label": choice.label,
         "rpm": _shown(rpm),
         "highest_rpm": top_speed(chosen) / RPM,
         "panels": plain(panels),

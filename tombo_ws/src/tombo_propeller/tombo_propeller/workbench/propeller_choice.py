@@ -37,7 +37,7 @@ class ChosenPropeller:
         return self.blade.name == PAPER
 
     @property
-    def words(self) -> str:
+    def label(self) -> str:
         """Blade and nodus in words."""
         return f"{self.blade.name}: {describe(self.configuration)}"
 

@@ -48,7 +48,7 @@ _RULES = (
 
 _SIMULATED = "paper_collision"
 _REAL, _REAL_HEIGHT = "hover", "mission.height=0.8"
-"""What a PX4 at a URL flies where nothing is named: it may be a real vehicle."""
+"""Default scenario of a PX4 at a URL, which may be a real vehicle."""
 
 
 @record

@@ -1,4 +1,4 @@
-"""`tombo topic` and `tombo param`: what the running nodes publish, and their parameters."""
+"""`tombo topic` and `tombo param`: topics and parameters of the running nodes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ app = typer.Typer()
 
 _EXIT_CODES = "Exit code: 0; 1 when no message came or a value was refused; 2 for bad input."
 _FOREVER_S = 1e9
-_WORDS = {"list": 1, "dump": 1, "get": 2, "set": 3}
+_ARGUMENT_COUNTS = {"list": 1, "dump": 1, "get": 2, "set": 3}
 """Verb of `param` → number of words after it."""
 
 
@@ -53,10 +53,10 @@ def topic(given: _Topic, domain: Domain, shown: Shown) -> None:
 def param(given: _Parameter, domain: Domain, shown: Shown) -> None:
     """List, print or set parameters of a running node; dump writes a file for --params-file."""
     verb = given.verb
-    if verb not in _WORDS:
-        raise unknown_name("verb", verb, _WORDS)
+    if verb not in _ARGUMENT_COUNTS:
+        raise unknown_name("verb", verb, _ARGUMENT_COUNTS)
     words = [word for word in (given.node, given.name, given.value) if word is not None]
-    if len(words) != _WORDS[verb]:
+    if len(words) != _ARGUMENT_COUNTS[verb]:
         raise InputError(
             f"{verb} {' '.join(words)}: accepted: list NODE, get NODE NAME, set NODE NAME VALUE, "
             "dump NODE"

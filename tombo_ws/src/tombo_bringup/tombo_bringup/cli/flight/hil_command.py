@@ -69,24 +69,22 @@ def _introduction(world: World, port: int, scenario: str, seed: int) -> str:
     from tombo_px4.hil.flight import airframe_parameters, exported, start_commands
 
     settings, built, container = start_commands(port, airframe_parameters(world, seed))
-    lines = [
-        f"{scenario}, seed {seed}: waiting for PX4 on TCP port {port} of 127.0.0.1. Start it with",
-        "",
-        settings,
-        built,
-        "",
-        "or, in place of the last line, from its container",
-        "",
-        container,
-        "",
-        "PX4 connects once: start it again after this. Built, it keeps these parameters; without "
-        "parameters*.bson of build/px4_sitl_default/rootfs it begins with its own again.",
-        "",
-        "To fly by motion capture alone, as `tombo fly --px4` does, PX4 needs these, too:",
-        "",
-        exported(MOCAP_ONLY),
-    ]
-    return "\n".join(lines)
+    return f"""\
+{scenario}, seed {seed}: waiting for PX4 on TCP port {port} of 127.0.0.1. Start it with
+
+{settings}
+{built}
+
+or, in place of the last line, from its container
+
+{container}
+
+PX4 connects once: start it again after this. Built, it keeps these parameters; without \
+parameters*.bson of build/px4_sitl_default/rootfs it begins with its own again.
+
+To fly by motion capture alone, as `tombo fly --px4` does, PX4 needs these, too:
+
+{exported(MOCAP_ONLY)}"""
 
 
 def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> None:

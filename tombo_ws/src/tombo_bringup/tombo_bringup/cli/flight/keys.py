@@ -1,4 +1,4 @@
-"""Keys of `tombo up`: what the operator asks of the nodes, one key each."""
+"""Keys of `tombo up`: the operator's requests, each by a key."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any
 
 REQUESTS = {"h": "hold", "l": "land", "k": "kill"}
-"""Key → what is asked of the monitor, and by it of the nodes (`tombo_ros.operator_requests`)."""
+"""Key → request to the monitor, which passes it to the nodes (`tombo_ros.operator_requests`)."""
 HELP = "keys: h hold, l land, kk kill (rotors off at once)"
 _TWICE_S = 1.0
 """Two strokes of the key that switches the rotors off count within this time."""
@@ -57,7 +57,7 @@ class Keys:
         return self._before is not None
 
     def requests(self) -> list[str]:
-        """Return what was asked for since the last call: `hold`, `land`, `kill`, or `kill?`.
+        """Return the requests since the last call: `hold`, `land`, `kill`, or `kill?`.
 
         `kill?` is the first of the two strokes that it takes.
         """

@@ -29,9 +29,8 @@ PX4_EXIT_CODES = (
     "port."
 )
 _PORT, _GROUND_PORT = 14540, 14550
-_OWN, _OWN_GROUND = 40, 4030
-"""From the client's port to the vehicle's own, as with PX4's instances: 14580 and 18570 for
-14540, 14581 and 18571 for 14541."""
+_ONBOARD_OFFSET, _GROUND_OFFSET = 40, 4030
+"""From the client's port to the vehicle's, as with PX4's instances: 14580 and 18570 for 14540."""
 _HIGHEST = 65535
 _HERE = "127.0.0.1"
 _WARM_UP_TICKS = 60
@@ -47,7 +46,7 @@ class _Px4:
         "UDP port of the on-board client; the vehicle's own are N+40 and N+4030, as with PX4's "
         "instances.",
         _PORT,
-        bounds=(1, _HIGHEST - _OWN_GROUND),
+        bounds=(1, _HIGHEST - _GROUND_OFFSET),
     )
     ground_port: int = option(
         "--ground-port N", "UDP port of the ground station.", _GROUND_PORT, bounds=(1, _HIGHEST)
@@ -91,12 +90,11 @@ def px4(
 
 
 def _write_parameters(path: Path) -> None:
-    from tombo_dynamics.errors import InputError
+    from tombo_bringup.cli.result_files import check_new_file
     from tombo_flight.process.output_folder import write_whole
     from tombo_px4.bridge.vehicle_parameters import parameter_file
 
-    if path.exists():
-        raise InputError(f"'{path}' exists; accepted: a new name")
+    check_new_file(path)
     write_whole(path, parameter_file())
     typer.echo(f"{path}: QGroundControl, Parameters, Tools, Load from file")
 
@@ -119,14 +117,12 @@ def _open_links(given: _Px4, table: ParameterTable, stack: ExitStack) -> list[tu
     text = "" if given.key is None else str(given.key)
     secret = read_key(text, lambda warning: typer.echo(f"Warning: {warning}", err=True))
     links: list[tuple[Link, str]] = []
-    for number, (own, client, streams) in enumerate(
-        (
-            (given.port + _OWN, given.port, "onboard"),
-            (given.port + _OWN_GROUND, given.ground_port, "ground"),
-        )
+    for number, offset, client, streams in (
+        (0, _ONBOARD_OFFSET, given.port, "onboard"),
+        (1, _GROUND_OFFSET, given.ground_port, "ground"),
     ):
         link = Link(
-            f"udpin://{_HERE}:{own}",
+            f"udpin://{_HERE}:{given.port + offset}",
             system=int(table.get("MAV_SYS_ID")),
             component=int(table.get("MAV_COMP_ID")),
             clock=time.time_ns,
@@ -212,7 +208,7 @@ def _redraw(scroll: Scroll, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -
 
 
 def _end_lines(endpoint: Endpoint, slipped_ns: int) -> Iterator[str]:
-    """Yield how long it ran, and what was refused."""
+    """Yield the refusals, and how long it ran."""
     for reason, count in sorted(endpoint.refused.items()):
         yield f"  {count} x {reason}"
     late = f", {slipped_ns * 1e-9:.1f} s behind real time" if slipped_ns else ""

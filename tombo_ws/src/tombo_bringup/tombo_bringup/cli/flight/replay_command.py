@@ -48,7 +48,7 @@ def replay(
     unpacking: options.Unpacking,
     copies: options.Copies,
 ) -> None:
-    """Feed a recorded run to the nodes' own code and compare with what was recorded.
+    """Feed a recorded run to the nodes' own code and compare the outputs with the recorded ones.
 
     Inputs are fed in the order and at the times of their arrival, with the stamps of their
     headers. Parameters are those of the recorded flight if the bag has them; --set changes one

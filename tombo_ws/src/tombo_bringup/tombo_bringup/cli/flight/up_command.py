@@ -67,7 +67,7 @@ def up(
     On a terminal the keys h, l and kk ask the nodes to hold, to land, and to switch the rotors off
     at once.
 
-    With --px4 PX4 stands for estimator and controller. Each is a process of its own and a ROS 2
+    With --px4 PX4 replaces estimator and controller. Each is a process of its own and a ROS 2
     node; Ctrl-C stops them. A node that ends by itself is reported and not started again; the
     others go on. Without the simulator nothing flies before `tombo call takeoff`.
 

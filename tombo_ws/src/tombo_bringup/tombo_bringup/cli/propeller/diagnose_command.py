@@ -1,4 +1,4 @@
-"""`tombo propeller diagnose`: what the propeller model gets wrong on a thrust stand, and why."""
+"""`tombo propeller diagnose`: errors of the propeller model on a stand, and their causes."""
 
 from __future__ import annotations
 

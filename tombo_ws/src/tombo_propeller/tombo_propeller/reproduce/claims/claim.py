@@ -29,7 +29,7 @@ DATA: Final = "data"
 
 
 @dataclass(frozen=True)
-class Judged:
+class ClaimResult:
     """Result of a claim, under one law or from measurements alone."""
 
     value: float | None
@@ -41,13 +41,13 @@ class Judged:
     """The same, told law by law."""
 
 
-Judge = Callable[..., Judged]
+ClaimFunction = Callable[..., ClaimResult]
 """Takes the paper and, where a claim is about the laws, a law's numbers and those of all laws."""
-JUDGES: Final[dict[str, Judge]] = {}
+JUDGES: Final[dict[str, ClaimFunction]] = {}
 """Name of a claim -> the function that judges it."""
 
 
-def judges(function: Judge) -> Judge:
+def judges(function: ClaimFunction) -> ClaimFunction:
     """Mark a function as the judge of the claim of its name."""
     JUDGES[function.__name__] = function
     return function
@@ -100,19 +100,19 @@ class Claim:
     """By law, or under "data"; None where a law has no such number."""
     tolerance: str
     verdicts: Mapping[str, Verdict]
-    judge: str
+    deciding_law: str
     """The law, or "data", whose verdict is the claim's."""
     evidence: str
 
     @property
     def verdict(self) -> Verdict:
         """The verdict under the law that the claim is about."""
-        return self.verdicts[self.judge]
+        return self.verdicts[self.deciding_law]
 
     @property
     def law(self) -> str | None:
         """The laws under which this verdict stands, or None where no law is concerned."""
-        if self.judge == DATA:
+        if self.deciding_law == DATA:
             return None
         return ", ".join(law for law, v in self.verdicts.items() if v == self.verdict)
 
@@ -124,7 +124,7 @@ class Claim:
     def mapping(self) -> dict[str, object]:
         """Return the claim as plain values, for JSON."""
         values = dataclasses.asdict(self) | {"law": self.law, "verdict": self.verdict}
-        del values["judge"]
+        del values["deciding_law"]
         return values
 
 
@@ -136,7 +136,7 @@ def claim_texts() -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
     return content
 
 
-def judged_claims(paper: Paper, numbers: Numbers) -> tuple[Claim, ...]:
+def all_claims(paper: Paper, numbers: Numbers) -> tuple[Claim, ...]:
     """Return every claim with its verdict, in the order of `claims.yaml`."""
     return tuple(
         _claim(name, group, row, paper, numbers)
@@ -147,11 +147,11 @@ def judged_claims(paper: Paper, numbers: Numbers) -> tuple[Claim, ...]:
 
 def _claim(name: str, group: str, row: Mapping[str, Any], paper: Paper, numbers: Numbers) -> Claim:
     """Judge a row of the table; a law that is not computed gives way to the first that is."""
-    judge, wanted = JUDGES[name], row.get("judge", "published")
+    evaluate, wanted = JUDGES[name], row.get("judge", "published")
     if wanted == DATA:
-        found = {DATA: judge(paper)}
+        found = {DATA: evaluate(paper)}
     else:
-        found = {law: judge(paper, values, numbers) for law, values in numbers.laws.items()}
+        found = {law: evaluate(paper, values, numbers) for law, values in numbers.laws.items()}
     wanted = wanted if wanted in found else next(iter(found))
     computed = PerLaw({law: one.value for law, one in found.items()})
     texts: dict[str, Any] = {"law": wanted, "computed": computed, **found[wanted].texts}
@@ -170,6 +170,6 @@ def _claim(name: str, group: str, row: Mapping[str, Any], paper: Paper, numbers:
         unit=row.get("unit", "1"),
         computed=dict(computed),
         verdicts={law: one.verdict for law, one in found.items()},
-        judge=wanted,
+        deciding_law=wanted,
         **{key: row[key].format(**texts) for key in filled},
     )

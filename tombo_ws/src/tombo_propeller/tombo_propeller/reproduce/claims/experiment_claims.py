@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
-from tombo_propeller.reproduce.claims.claim import FAILS, OPEN, Judged, holds_if, judges
+from tombo_propeller.reproduce.claims.claim import FAILS, OPEN, ClaimResult, holds_if, judges
 from tombo_propeller.reproduce.paper_values import Paper
 
 HINGE_MM = 29.0
@@ -18,7 +18,7 @@ UNIT_VECTOR = 0.02
 
 
 @judges
-def collision_force(paper: Paper) -> Judged:
+def collision_force(paper: Paper) -> ClaimResult:
     """Judge the abstract's claim about collision force."""
     share = paper.text("measured", "force_share_of_rigid")
     above, below = share.split("/")
@@ -26,7 +26,7 @@ def collision_force(paper: Paper) -> Judged:
     rigid = paper.table_3[0].force_N.value
     shares = {c: paper.table_3[c].force_N.value / rigid for c in paper.soft}
     conf = max(shares, key=lambda c: shares[c])
-    return Judged(
+    return ClaimResult(
         shares[conf],
         holds_if(shares[conf] < bound),
         {
@@ -45,7 +45,7 @@ def collision_force(paper: Paper) -> Judged:
 
 
 @judges
-def collision_force_over_radius(paper: Paper) -> Judged:
+def collision_force_over_radius(paper: Paper) -> ClaimResult:
     """Compare Table II with a stiff wing on a hinge."""
     rows = sorted(paper.table_2, key=lambda row: row.r_mm.value)
     inner, outer = max(rows, key=lambda row: row.force_N.value), rows[-1]
@@ -54,7 +54,7 @@ def collision_force_over_radius(paper: Paper) -> Judged:
         for a, b in pairwise(rows)
         if b.force_N.value > a.force_N.value
     )
-    return Judged(
+    return ClaimResult(
         inner.r_mm.value,
         holds_if(not wrong),
         {
@@ -77,7 +77,7 @@ def _hinged(r_mm: float) -> float:
 
 
 @judges
-def collision_force_tables(paper: Paper) -> Judged:
+def collision_force_tables(paper: Paper) -> ClaimResult:
     """Judge whether both tables can be of the same propeller."""
     faster = paper.number("measured", "table_2_speed_rpm").value
     factor = faster / paper.number("model", "table_3_speed_rpm").value
@@ -85,11 +85,11 @@ def collision_force_tables(paper: Paper) -> Judged:
     forces = [row.force_N.value for row in paper.table_2]
     low, high = force * factor, force * factor**2
     texts = {"force": force, "least": min(forces), "most": max(forces), "low": low, "high": high}
-    return Judged(low, OPEN if min(forces) <= high and low <= max(forces) else FAILS, texts)
+    return ClaimResult(low, OPEN if min(forces) <= high and low <= max(forces) else FAILS, texts)
 
 
 @judges
-def mean_recovery_time(paper: Paper) -> Judged:
+def mean_recovery_time(paper: Paper) -> ClaimResult:
     """Judge the mean of a column."""
     times = [r.recovery_s.value for r in paper.table_3.values() if r.recovery_s is not None]
     total = math.fsum(times)
@@ -97,11 +97,11 @@ def mean_recovery_time(paper: Paper) -> Judged:
     texts = {"total": total, "count": len(times), "mean": mean}
     texts |= {"least": min(times), "most": max(times)}
     holds = holds_if(paper.number("measured", "mean_recovery_s").agrees(mean))
-    return Judged(mean, holds, texts)
+    return ClaimResult(mean, holds, texts)
 
 
 @judges
-def endurance(paper: Paper) -> Judged:
+def endurance(paper: Paper) -> ClaimResult:
     """Judge how many collisions a propeller endures."""
     trials = paper.number("measured", "trials").value
     replaced = paper.number("measured", "replaced").value
@@ -112,11 +112,11 @@ def endurance(paper: Paper) -> Judged:
     texts: dict[str, object] = {"replaced": replaced, "trials": trials, "mean": mean}
     texts |= {"least": 1.0 / high, "most": 1.0 / low}
     texts["right"] = "is right" if right else "is wrong"
-    return Judged(mean, OPEN if right else FAILS, texts)
+    return ClaimResult(mean, OPEN if right else FAILS, texts)
 
 
 @judges
-def noise(paper: Paper) -> Judged:
+def noise(paper: Paper) -> ClaimResult:
     """Compare the noise with the rigid propeller's."""
     rigid = paper.table_3[0].noise_dB.value
     soft = np.array([paper.table_3[c].noise_dB.value for c in paper.soft])
@@ -125,23 +125,25 @@ def noise(paper: Paper) -> Judged:
     half = float(stats.t.ppf(0.975, len(soft) - 1) * apart.std(ddof=1) / math.sqrt(len(soft)))
     texts = {"quietest": soft.min(), "loudest": soft.max(), "rigid": rigid, "mean": mean}
     texts |= {"half": half, "least": apart.min(), "most": apart.max()}
-    return Judged(mean, FAILS if abs(mean) > half else OPEN, texts)
+    return ClaimResult(mean, FAILS if abs(mean) > half else OPEN, texts)
 
 
 @judges
-def response_point(paper: Paper) -> Judged:
+def response_point(paper: Paper) -> ClaimResult:
     """Judge whether x_r lies d_r from x_c, as printed."""
     distance, apart = paper.number("flight", "bounce_m"), _response_distance(paper, "flight")
-    return Judged(apart, holds_if(distance.agrees(apart)), {"distance": distance, "apart": apart})
+    return ClaimResult(
+        apart, holds_if(distance.agrees(apart)), {"distance": distance, "apart": apart}
+    )
 
 
 @judges
-def response_equation(paper: Paper) -> Judged:
+def response_equation(paper: Paper) -> ClaimResult:
     """Judge x_r = x_c + d_r n_r, in the numbers that were flown with."""
     flown = _response_distance(paper, "program")
     length = flown / paper.number("flight", "bounce_m").value
     texts = {"flown": flown, "length": length, "tolerance": UNIT_VECTOR}
-    return Judged(length, holds_if(abs(length - 1.0) <= UNIT_VECTOR), texts)
+    return ClaimResult(length, holds_if(abs(length - 1.0) <= UNIT_VECTOR), texts)
 
 
 def _response_distance(paper: Paper, section: str) -> float:
@@ -151,11 +153,11 @@ def _response_distance(paper: Paper, section: str) -> float:
 
 
 @judges
-def recovery_phases(paper: Paper) -> Judged:
+def recovery_phases(paper: Paper) -> ClaimResult:
     """Judge whether the phases of the recovery add up."""
     unstable, after = paper.number("flight", "unstable_s"), paper.number("flight", "recovery_s")
     total = unstable.value + after.value
-    return Judged(
+    return ClaimResult(
         total,
         holds_if(paper.number("flight", "whole_recovery_s").agrees(total)),
         {"unstable": unstable, "after": after, "total": total},
@@ -163,7 +165,7 @@ def recovery_phases(paper: Paper) -> Judged:
 
 
 @judges
-def falling_distance(paper: Paper) -> Judged:
+def falling_distance(paper: Paper) -> ClaimResult:
     """Compare rate and duration of the fall with its distance."""
     rate, time = paper.number("flight", "falling_rate_m_s"), paper.number("flight", "unstable_s")
     falls = paper.number("flight", "falls_m")
@@ -171,11 +173,11 @@ def falling_distance(paper: Paper) -> Judged:
     low, high = ((rate.value + s * rate.half) * (time.value + s * time.half) for s in (-1, 1))
     within = low <= falls.value + falls.half and falls.value - falls.half <= high
     texts = {"rate": rate, "time": time, "height": height, "low": low, "high": high}
-    return Judged(height, holds_if(within), texts)
+    return ClaimResult(height, holds_if(within), texts)
 
 
 @judges
-def recovers(paper: Paper) -> Judged:
+def recovers(paper: Paper) -> ClaimResult:
     """Judge whether the vehicle recovers with the reaction."""
     figures = ", ".join(
         f"{word} {paper.text('campaign', key)} {unit} ({paper.text('campaign', f'{key}_range')}; "
@@ -190,14 +192,14 @@ def recovers(paper: Paper) -> Judged:
 
 
 @judges
-def crashes_without_reaction(paper: Paper) -> Judged:
+def crashes_without_reaction(paper: Paper) -> ClaimResult:
     """Judge whether the vehicle crashes without the reaction."""
     return _campaign(paper, "crashed_without_reaction", "")
 
 
-def _campaign(paper: Paper, name: str, figures: str) -> Judged:
+def _campaign(paper: Paper, name: str, figures: str) -> ClaimResult:
     """Return the share of simulated flights that do: an experiment, so it never holds."""
     count, flights = paper.number("campaign", name), paper.number("campaign", "flights")
     share = 100.0 * count.value / flights.value
     texts = {"count": count, "flights": flights, "figures": figures}
-    return Judged(share, OPEN if share > 50.0 else FAILS, texts)
+    return ClaimResult(share, OPEN if share > 50.0 else FAILS, texts)

@@ -13,7 +13,14 @@ from scipy import stats
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import configuration, nodus_moduli
 from tombo_dynamics.vehicle import VehicleParams
-from tombo_propeller.reproduce.claims.claim import FAILS, HOLDS, OPEN, Judged, holds_if, judges
+from tombo_propeller.reproduce.claims.claim import (
+    FAILS,
+    HOLDS,
+    OPEN,
+    ClaimResult,
+    holds_if,
+    judges,
+)
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers, Optimum
 from tombo_propeller.reproduce.paper_values import Paper
 
@@ -32,7 +39,7 @@ STANDARD_ERRORS = 3.0
 
 
 @judges
-def table_1(paper: Paper, law: LawNumbers, numbers: Numbers) -> Judged:
+def table_1(paper: Paper, law: LawNumbers, numbers: Numbers) -> ClaimResult:
     """Judge the moduli of the nodus, Eq. 2."""
     pairs = [
         (printed, value)
@@ -49,11 +56,11 @@ def table_1(paper: Paper, law: LawNumbers, numbers: Numbers) -> Judged:
         "ours": sum(shear.agrees(own[c]) for c, (_, shear) in paper.table_1.items()),
         "theirs": sum(shear.agrees(by_ratio[c]) for c, (_, shear) in paper.table_1.items()),
     }
-    return Judged(met, holds_if(met == len(pairs)), texts)
+    return ClaimResult(met, holds_if(met == len(pairs)), texts)
 
 
 @judges
-def table_3_lift_over_drag(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def table_3_lift_over_drag(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge the simulated column of Table III."""
     met = sum(row.ratio.agrees(law.low[c].ratio) for c, row in paper.table_3.items())
     softest = min(paper.soft)
@@ -63,98 +70,98 @@ def table_3_lift_over_drag(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
         "ratio": paper.table_3[softest].ratio,
     }
     each = {"found": law.low[softest].ratio}
-    return Judged(met, holds_if(met == len(paper.table_3)), texts, each)
+    return ClaimResult(met, holds_if(met == len(paper.table_3)), texts, each)
 
 
 @judges
-def table_3_fibres(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def table_3_fibres(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge whether the propellers of Table III are those of Table I."""
     met = [c for c, row in paper.table_3.items() if row.ratio.agrees(law.table_1_ratio[c])]
     texts = {"whole": len(paper.table_3), "confs": ", ".join(map(str, met)) or "none"}
-    return Judged(len(met), holds_if(len(met) == len(paper.table_3)), texts)
+    return ClaimResult(len(met), holds_if(len(met) == len(paper.table_3)), texts)
 
 
 @judges
-def soft_lift_over_drag(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def soft_lift_over_drag(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge whether soft propellers are more efficient."""
     gains = [100.0 * (law.low[c].ratio / law.low[0].ratio - 1.0) for c in paper.soft]
     better = sum(gain > 0.0 for gain in gains)
     texts, each = {"soft": len(gains)}, {"gain": max(gains)}
-    return Judged(better, holds_if(better == len(gains)), texts, each)
+    return ClaimResult(better, holds_if(better == len(gains)), texts, each)
 
 
 # --- Optima over speed
 
 
 @judges
-def universal_curve(_: Paper, law: LawNumbers, __: Numbers) -> Judged:
+def universal_curve(_: Paper, law: LawNumbers, __: Numbers) -> ClaimResult:
     """Judge the theorem behind what is said to be the same for every configuration."""
-    return Judged(law.collapse, holds_if(law.collapse < EXACT), {"exact": EXACT})
+    return ClaimResult(law.collapse, holds_if(law.collapse < EXACT), {"exact": EXACT})
 
 
 @judges
-def rigid_lift_over_drag(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def rigid_lift_over_drag(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge the lift over drag of the rigid propeller."""
     spread = law.rigid_ratio_spread
     texts = {"exact": EXACT, "ratio": paper.table_3[0].ratio}
-    return Judged(spread, holds_if(spread < EXACT), texts, {"found": law.low[0].ratio})
+    return ClaimResult(spread, holds_if(spread < EXACT), texts, {"found": law.low[0].ratio})
 
 
 @judges
-def hover(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def hover(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge whether the nine propellers can carry the vehicle at all."""
     vehicle = VehicleParams()
     needed = vehicle.hover_thrust()
     weak = [c for c in paper.soft if law.thrust[c].value <= needed]
     texts, each = {"mass": vehicle.mass, "needed": needed}, {"weak": _listed(weak) or "none"}
-    return Judged(len(paper.soft) - len(weak), holds_if(not weak), texts, each)
+    return ClaimResult(len(paper.soft) - len(weak), holds_if(not weak), texts, each)
 
 
 @judges
-def curves(_: Paper, law: LawNumbers, __: Numbers) -> Judged:
+def curves(_: Paper, law: LawNumbers, __: Numbers) -> ClaimResult:
     """Judge the curves of the figures, whose values are not printed."""
-    return Judged(law.thrust[3].value if law.thrust[3].inside else None, OPEN)
+    return ClaimResult(law.thrust[3].value if law.thrust[3].inside else None, OPEN)
 
 
 @judges
-def eps_mld(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def eps_mld(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge the value of eps_mld."""
     printed = paper.number("model", "largest_lift_over_drag")
     values = [optimum.value for optimum in law.ratio.values()]
     farthest = max(values, key=lambda value: abs(value - printed.value))
-    return Judged(farthest, holds_if(printed.agrees(farthest)))
+    return ClaimResult(farthest, holds_if(printed.agrees(farthest)))
 
 
 @judges
-def eps_mld_same(paper: Paper, law: LawNumbers, numbers: Numbers) -> Judged:
+def eps_mld_same(paper: Paper, law: LawNumbers, numbers: Numbers) -> ClaimResult:
     """Judge whether eps_mld is one number for all."""
     digit = 2.0 * paper.number("model", "largest_lift_over_drag").half
     spread = _spread(law.ratio, "value")
     rising = [n for n, other in numbers.laws.items() if _spread(other.ratio, "value") is None]
     maxima = f"{', '.join(rising)}: still rising at 18 000 rpm" if rising else "all have a maximum"
     holds = holds_if(spread is not None and spread < digit)
-    return Judged(spread, holds, {"digit": digit, "maxima": maxima})
+    return ClaimResult(spread, holds, {"digit": digit, "maxima": maxima})
 
 
 @judges
-def gamma_mld(_: Paper, law: LawNumbers, __: Numbers) -> Judged:
+def gamma_mld(_: Paper, law: LawNumbers, __: Numbers) -> ClaimResult:
     """Judge whether the twist at maximum lift over drag is the same for every configuration."""
     return _same_twist(law.ratio)
 
 
 @judges
-def gamma_mtf(_: Paper, law: LawNumbers, __: Numbers) -> Judged:
+def gamma_mtf(_: Paper, law: LawNumbers, __: Numbers) -> ClaimResult:
     """Judge whether the twist at maximum thrust is the same for every configuration."""
     return _same_twist(law.thrust)
 
 
-def _same_twist(optima: Mapping[int, Optimum]) -> Judged:
+def _same_twist(optima: Mapping[int, Optimum]) -> ClaimResult:
     spread, said = _spread(optima, "gamma_deg"), "none"
     if spread is not None:
         twists = [optimum.gamma_deg for optimum in optima.values()]
         said = f"{min(twists):.2f}–{max(twists):.2f}°"
     holds = holds_if(spread is not None and spread < SAME_ANGLE_DEG)
-    return Judged(spread, holds, {"angle": SAME_ANGLE_DEG}, {"twist": said})
+    return ClaimResult(spread, holds, {"angle": SAME_ANGLE_DEG}, {"twist": said})
 
 
 def _spread(optima: Mapping[int, Optimum], name: str) -> float | None:
@@ -166,15 +173,15 @@ def _spread(optima: Mapping[int, Optimum], name: str) -> float | None:
 
 
 @judges
-def omega_mtf_order(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def omega_mtf_order(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge whether omega_mtf grows with stiffness."""
     optima = [law.thrust[int(c)] for c in paper.texts["model"]["ordered_configurations"]]
     speeds = [optimum.speed_rpm for optimum in optima]
     if not all(optimum.inside for optimum in optima):
-        return Judged(None, FAILS, {}, {"speeds": "no maximum up to 18 000 rpm"})
+        return ClaimResult(None, FAILS, {}, {"speeds": "no maximum up to 18 000 rpm"})
     step = min(b - a for a, b in pairwise(speeds))
     said = " < ".join(f"{speed:.0f}" for speed in speeds) + " rpm"
-    return Judged(step, holds_if(step > 0.0), {}, {"speeds": said})
+    return ClaimResult(step, holds_if(step > 0.0), {}, {"speeds": said})
 
 
 # --- Thrust
@@ -186,7 +193,7 @@ def error_percent(paper: Paper, law: LawNumbers, conf: int) -> float:
 
 
 @judges
-def thrust_error(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def thrust_error(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge the bound of 8 %, where the paper claims it."""
     bound = paper.number("model", "thrust_error_percent").value
     claimed = [int(c) for c in paper.texts["model"]["thrust_configurations"]]
@@ -195,34 +202,34 @@ def thrust_error(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
     speeds = " to ".join(paper.texts["model"]["thrust_speeds_rpm"])
     texts = {"speeds": speeds, "claimed": len(claimed), "known": _listed(known)}
     if worst is not None and abs(worst) >= bound:
-        return Judged(worst, FAILS, texts)
+        return ClaimResult(worst, FAILS, texts)
     open_yet = len(known) < len(claimed)
-    return Judged(worst, OPEN if open_yet else holds_if(worst is not None), texts)
+    return ClaimResult(worst, OPEN if open_yet else holds_if(worst is not None), texts)
 
 
 @judges
-def thrust_error_table_3(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def thrust_error_table_3(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge the same bound where thrusts are printed."""
     bound = paper.number("model", "thrust_error_percent").value
     errors = {c: error_percent(paper, law, c) for c in paper.soft}
     conf = max(errors, key=lambda c: abs(errors[c]))
     within = sum(abs(error) < bound for error in errors.values())
     said = f"{errors[conf]:+.1f} % (Conf. {conf}), {within} of {len(errors)} within"
-    return Judged(errors[conf], holds_if(abs(errors[conf]) < bound), {}, {"worst": said})
+    return ClaimResult(errors[conf], holds_if(abs(errors[conf]) < bound), {}, {"worst": said})
 
 
 @judges
-def centrifugal_stiffening(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def centrifugal_stiffening(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge the paper's remark that the spinning propeller becomes stiff."""
     soft = [paper.table_3[c].thrust_N.value for c in paper.soft]
     loss = 100.0 * (1.0 - float(np.mean(soft)) / paper.table_3[0].thrust_N.value)
     low, high = paper.texts["model"]["thrust_speeds_rpm"]
     growth = law.high[13].gamma_deg / law.low[13].gamma_deg
-    return Judged(growth, OPEN, {"low": low, "high": high, "loss": loss})
+    return ClaimResult(growth, OPEN, {"low": low, "high": high, "loss": loss})
 
 
 @judges
-def thrust_within_deviation(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def thrust_within_deviation(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge whether measured scatter can explain the differences."""
     deviations = {c: row.thrust_dev_N.value for c, row in paper.table_3.items()}
     away = {
@@ -233,13 +240,13 @@ def thrust_within_deviation(paper: Paper, law: LawNumbers, _: Numbers) -> Judged
     chance = float(stats.chi2.sf(sum(a**2 for a in away.values()), len(away)))
     least, most = min(deviations.values()), max(deviations.values())
     texts = {"least": least, "most": most, "chance": CHANCE}
-    return Judged(
+    return ClaimResult(
         chance, holds_if(chance > CHANCE), texts, {"worst": f"{away[conf]:.1f} (Conf. {conf})"}
     )
 
 
 @judges
-def better_than_mean(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
+def better_than_mean(paper: Paper, law: LawNumbers, _: Numbers) -> ClaimResult:
     """Judge whether the model tells one propeller from another."""
     measured, deviation = _measured(paper)
     thrust = _computed(paper, law)
@@ -247,11 +254,11 @@ def better_than_mean(paper: Paper, law: LawNumbers, _: Numbers) -> Judged:
     wins = 100.0 * float(np.mean(_rms(drawn - thrust) > _rms(_left_out(drawn) - drawn)))
     error, rms_mean = _rms(thrust - measured), float(_rms(_left_out(measured) - measured))
     texts = {"rms_mean": rms_mean, "mean": measured.mean(), "scatter": measured.std()}
-    return Judged(error, holds_if(error < rms_mean), texts, {"wins": wins})
+    return ClaimResult(error, holds_if(error < rms_mean), texts, {"wins": wins})
 
 
 @judges
-def thrust_follows_stiffness(paper: Paper, law: LawNumbers, numbers: Numbers) -> Judged:
+def thrust_follows_stiffness(paper: Paper, law: LawNumbers, numbers: Numbers) -> ClaimResult:
     """Judge whether measured thrust grows with stiffness, as every law says."""
     measured, deviation = _measured(paper)
     stiffness = np.array([paper.table_1[c][1].value for c in paper.soft])
@@ -264,7 +271,7 @@ def thrust_follows_stiffness(paper: Paper, law: LawNumbers, numbers: Numbers) ->
     spans = [_computed(paper, other) for other in numbers.laws.values()]
     enough = min(float(span.std()) * span.size**0.5 for span in spans) / STANDARD_ERRORS
     seen = rho > 0.0 and p < CHANCE
-    return Judged(
+    return ClaimResult(
         chance,
         HOLDS if seen else FAILS if chance < CHANCE else OPEN,
         {"chance": CHANCE, "rho": rho, "p": p, "error": error, "enough": enough},
@@ -317,14 +324,14 @@ def _rank_correlations(x: Array, rows: Array) -> Array:
 
 
 @judges
-def beta_reading(_: Paper, law: LawNumbers, __: Numbers) -> Judged:
+def beta_reading(_: Paper, law: LawNumbers, __: Numbers) -> ClaimResult:
     """Judge the formula with which the paper reads the flap from pictures."""
     points = [p for by_conf in (law.low, law.high) for c, p in by_conf.items() if c]
     errors = [reading_deg(p.alpha_deg, p.beta_deg) - p.beta_deg for p in points]
     bias, flap = max(errors, key=abs), law.low[13]
     read = reading_deg(flap.alpha_deg, flap.beta_deg)
     texts = {"reading": READING_DEG, "beta": flap.beta_deg, "read": read}
-    return Judged(bias, holds_if(abs(bias) < READING_DEG), texts)
+    return ClaimResult(bias, holds_if(abs(bias) < READING_DEG), texts)
 
 
 def reading_deg(alpha_deg: float, beta_deg: float) -> float:

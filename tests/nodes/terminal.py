@@ -26,8 +26,8 @@ class Terminal:
     """Use as a context manager: leaving it ends the command.
 
     Attributes:
-        text: what the command has printed.
-        lines: the JSON objects in it, one a line.
+        text: output of the command.
+        lines: the JSON objects in it, one on each line.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class Terminal:
         Args:
             words: arguments of the command.
             folder: where it runs.
-            patience_s: the longest wait for what it prints.
+            patience_s: the longest wait for a line of its output.
             preexec_fn: of `subprocess.Popen`.
         """
         self.text, self.lines = "", list[dict[str, Any]]()
@@ -89,27 +89,8 @@ class Terminal:
             if time.monotonic() > end_s or not self.read():
                 raise TimeoutError(f"waited too long; it has printed {self.text[-2000:]}")
 
-    def skip(self) -> None:
-        """Pass over what has been printed until now."""
-        before = -1
-        while len(self.text) > before:
-            before = len(self.text)
-            self.read()
-        self._seen = len(self.lines)
-
-    def wait_for_text(self, text: str) -> None:
-        """Wait until the command has printed a text.
-
-        Raises:
-            TimeoutError: as `wait`.
-        """
-        end_s = time.monotonic() + self._patience_s
-        while text not in self.text:
-            if time.monotonic() > end_s or not self.read():
-                raise TimeoutError(f"no {text!r} in {self.text[-2000:]!r}")
-
     def answer(self, request: str) -> dict[str, Any]:
-        """Return what `tombo up --json` says came of a key."""
+        """Return the answer of `tombo up --json` to a key."""
         return self.wait(lambda e: e["event"] == "answer" and e["request"] == request)
 
     def read(self) -> bool:
