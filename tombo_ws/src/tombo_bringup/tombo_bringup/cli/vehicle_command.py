@@ -50,6 +50,15 @@ def show(which: _Name, shown: options.Shown) -> None:
     show_page(_page(read_vehicle(which.name)), shown.as_json)
 
 
+@command(app)
+def urdf(which: _Name) -> None:
+    """Print a vehicle as URDF, with folding blades, for robot_state_publisher."""
+    from tombo_flight.urdf import vehicle_urdf
+    from tombo_flight.vehicle_file import read_vehicle
+
+    typer.echo(vehicle_urdf(read_vehicle(which.name)), nl=False)
+
+
 @record
 class _NewFile:
     file: Path = argument("FILE", "What to write, a .yaml.")
