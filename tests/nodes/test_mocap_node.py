@@ -7,6 +7,7 @@ import math
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from geometry_msgs.msg import TransformStamped
 
 from tombo_bag.qos import SENSOR
 from tombo_bag.topics import DIAGNOSTICS, MOCAP_POSE, TopicSpec
-from tombo_ros.conversion import to_ns, to_time
+from tombo_ros.conversion import array, to_ns, to_time
 
 _PATIENCE_S = 60.0
 _PERIOD_S = 0.01
@@ -84,6 +85,38 @@ def test_frames_of_optitrack_become_poses(world, start, motive):
         time.sleep(_PERIOD_S)
     assert len(poses(world)) == count
     send_until(send, lambda: len(poses(world)) > count)
+
+
+def test_each_of_several_bodies_has_the_topic_of_its_vehicle(world, start):
+    """Three bodies are seen, two of them fly; one that is lost leaves the other its poses."""
+    topics = [replace(MOCAP_POSE, name=f"/{name}{MOCAP_POSE.name}") for name in ("v1", "v2")]
+    world.subscribe(*topics, DIAGNOSTICS)
+    places = {"wand": (9.0, 9.0, 9.0), "b": (1.0, 2.0, 3.0), "a": (4.0, 5.0, 6.0)}
+    server = NatNetServer(list(places))
+    try:
+        start("tombo_mocap.mocap_node", *optitrack(server, "mocap.bodies:=a b"))
+        assert server.asked.wait(_PATIENCE_S)
+
+        def send(*seen: str) -> None:
+            lost = [name for name in places if name not in seen]
+            server.send({name: (*places[name], *_TURNED) for name in seen}, lost=lost)
+
+        def heard() -> list[list]:
+            world.hear()
+            return [world.heard[topic.name] for topic in topics]
+
+        send_until(lambda _: send(*places), lambda: min(map(len, heard())) > 20)
+        for messages, name in zip(heard(), ("a", "b"), strict=True):
+            places_heard = {tuple(array(m.pose.position)) for m in messages}
+            assert places_heard == {places[name]}
+        world.wait_for_fault(
+            "mocap", "body_lost", "'b' is not seen", meanwhile=lambda: send("wand", "a")
+        )
+        before = [len(messages) for messages in heard()]
+        send_until(lambda _: send("wand", "a"), lambda: len(heard()[0]) > before[0] + 20)
+        assert len(heard()[1]) == before[1]
+    finally:
+        server.close()
 
 
 def test_a_driver_s_topic_of_any_type_and_frame_becomes_poses(world, start):
