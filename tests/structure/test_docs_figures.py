@@ -95,27 +95,3 @@ def test_the_losses_are_as_many_as_the_table_has():
     losses = re.search(r"SITL, (\d+) losses", (ROOT / README).read_text(encoding="utf-8"))
     assert losses is not None
     assert int(losses[1]) == table.count(" of 1 |")
-
-
-def test_crash_rates_of_the_evidence_are_those_of_the_sweep():
-    arena = marked((ROOT / DOCS / "sweep.md").read_text(encoding="utf-8"), "arena")
-    crashed, collision = {}, ""
-    for row in re.findall(r"^\| ([^|]*) \| (\w+) \| (\d+) of 30", arena, re.M):
-        collision = row[0].strip() or collision
-        crashed[collision, row[1]] = row[2]
-    page = (ROOT / EVIDENCE).read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `(\w+)`[^|]*\| (\d+) \| (\d+) \| (\d+) \| (\d+) \|$", page, re.M)
-    assert len(rows) == 5
-    for reaction, *shown in rows:
-        collisions = ("paper_collision", "pole", "1.2 m/s", "1.5 m/s")
-        assert shown == [crashed[c, reaction] for c in collisions], reaction
-
-
-def test_confidence_of_the_evidence_is_that_of_the_benchmark():
-    stated = r"^\| ((?:below|\d).*? %.*?) \| (\d+) \| (\d+ %) \| (\d+ %) \|"
-    benchmark, evidence = (
-        re.findall(stated, (ROOT / page).read_text(encoding="utf-8"), re.M)
-        for page in (f"{DOCS}/diagnosis_benchmarks.md", EVIDENCE)
-    )
-    assert len(evidence) == 3
-    assert set(evidence) <= set(benchmark)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from types import SimpleNamespace
 
 import yaml
+from PIL import Image
 
 from tombo_benchmarks.docs.__main__ import ROOT
-from tombo_benchmarks.docs.markdown import marked
+from tombo_benchmarks.docs.evidence_pictures import TABLES
+from tombo_benchmarks.docs.markdown import marked, table_rows
 from tombo_benchmarks.docs.products import CAMPAIGN, PRODUCTS, campaign_table, two_modes
 from tombo_benchmarks.docs.site_source import arrows
 from tombo_benchmarks.docs.tables import wiring_mermaid
@@ -25,8 +28,8 @@ def test_tables_of_the_pages_are_what_the_code_gives(tmp_path):
     assert changed == set(), "run: make docs ARGS=tables"
 
 
-DRAWN_ONCE = {"docs/frames.png", "docs/propeller.png"}
-"""Drawings of conventions: no result of the code."""
+DRAWN_ONCE = {"docs/frames.png", "docs/propeller.png", "docs/live.png", "docs/report.png"}
+"""Drawings of conventions, and pages as a browser shows them."""
 
 
 def test_every_picture_of_the_docs_is_a_product():
@@ -34,6 +37,13 @@ def test_every_picture_of_the_docs_is_a_product():
     assert pictures == {
         p for product in PRODUCTS.values() for p in product.written if p.endswith(".png")
     }
+
+
+def test_pictures_of_the_evidence_show_the_tables_of_today():
+    for picture, (page, table) in TABLES.items():
+        rows = table_rows(marked((ROOT / "docs" / page).read_text(encoding="utf-8"), table))
+        shown = Image.open(ROOT / "docs" / picture).text["Description"]
+        assert json.loads(shown) == rows, "run: make docs ARGS=evidence"
 
 
 def test_every_page_is_in_the_index_of_the_site():

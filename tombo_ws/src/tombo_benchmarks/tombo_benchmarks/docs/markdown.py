@@ -13,6 +13,12 @@ def table_markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
+def table_rows(text: str) -> list[list[str]]:
+    """Return the cells of the one table of a text, without its head."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
 def updated(page: str, tables: Mapping[str, str]) -> str:
     """Return a page with the tables between `<!-- NAME -->` and `<!-- /NAME -->`.
 

@@ -216,6 +216,12 @@ def _arena(root: Path, data: Path) -> None:
     _fill(root / "docs" / "sweep.md", {"arena": table})
 
 
+def _evidence(root: Path, data: Path) -> None:
+    from tombo_benchmarks.docs.evidence_pictures import draw_evidence
+
+    draw_evidence(root / "docs")
+
+
 def _px4(root: Path, data: Path) -> None:
     with TemporaryDirectory() as folder:
         _tombo("fly", "--px4", "--seed", "0", "-o", folder, "--force")
@@ -303,6 +309,9 @@ PRODUCTS: Final = {
         ("docs/diagnosis.png", "docs/diagnosis.md#crazyflie", "README.md#diagnosis"),
         _diagnosis,
         data="flights",
+    ),
+    "evidence": Product(
+        ("docs/crash_rates.png", "docs/confidence.png", "docs/px4_losses.png"), _evidence
     ),
     "design": Product(
         ("docs/design.png",),
