@@ -95,6 +95,29 @@ class Residual:
 
 
 @dataclass(frozen=True)
+class Variable:
+    """A quantity that a leftover may follow."""
+
+    text: str
+    """Its name in words."""
+    unit: str
+
+
+VARIABLES: Final[Mapping[str, Variable]] = {
+    **{a: Variable(f"place {a}", "m") for a in "xy"},
+    "z": Variable("height", "m"),
+    **{f"v{a}": Variable(f"velocity along map {a}", "m/s") for a in "xyz"},
+    **{n: Variable(f"velocity along body {a}", "m/s") for n, a in zip("uvw", "xyz", strict=True)},
+    **{n: Variable(f"rate about body {a}", "rad/s") for n, a in zip("pqr", "xyz", strict=True)},
+    "yaw": Variable("yaw", "rad"),
+    "thrust": Variable("thrust", "N"),
+    "t": Variable("time since the start", "s"),
+    "voltage": Variable("voltage", "V"),
+}
+"""Variables of `LeftoverSamples.state`."""
+
+
+@dataclass(frozen=True)
 class LeftoverSamples:
     """One flight's leftover force [N] or moment [N m], means of M short blocks of time."""
 
@@ -102,8 +125,7 @@ class LeftoverSamples:
     quantity: str
     """force or moment."""
     state: Mapping[str, Array]
-    """Variable → (M,): place x, y, z and velocity vx, vy, vz in map; velocity u, v, w and rates
-    p, q, r in body; yaw; thrust [N]; time t since the start [s]; voltage [V]."""
+    """Key of `VARIABLES` → (M,)."""
     rotation: Array
     """(M, 3, 3) map from body."""
     body: Array
@@ -122,7 +144,7 @@ class Dependence:
     quantity: str
     """force or moment."""
     variable: str
-    """Of `LeftoverSamples.state`."""
+    """Of `VARIABLES`."""
     frame: str
     """Axes in which it follows the variable best: map or body."""
     r2: float

@@ -29,7 +29,7 @@ DATA = Path(__file__).parents[6] / "shared" / "data" / "crazyswarm2"
 MAPPING = Path(__file__).parents[5] / "examples" / "crazyswarm2.yaml"
 OSCILLATING = (22, 30, 45, 76, 113, 119, 146, 149, 179)
 FLIP = 28
-OWN = cascade_gains(load_scenario("no_obstacle").control)
+OWN_GAINS = cascade_gains(load_scenario("no_obstacle").control)
 
 pytestmark = pytest.mark.slow
 real = pytest.mark.skipif(not DATA.is_dir(), reason=f"real data absent: no {DATA}")
@@ -44,7 +44,7 @@ def plant():
 def report(*settings, seed=3, name="no_obstacle"):
     scenario = load_scenario(name, [f"control.{s}" for s in settings])
     flight = fly_scenario(scenario, seed)
-    found = controller_report([flight], plant(), OWN, "the suite's own")
+    found = controller_report([flight], plant(), OWN_GAINS, "the suite's own")
     return found, {g.label: g for g in cascade_gains(scenario.control)}
 
 

@@ -56,7 +56,7 @@ def stopped(t, command):
     return np.where((t > AT)[:, None], 0.0, command)
 
 
-def held(t, values):
+def hold_pose(t, values):
     return np.where((t > AT)[:, None], values[np.argmax(t > AT)], values)
 
 
@@ -67,7 +67,7 @@ def held(t, values):
         ({"position": falling, "rotor_command": stopped}, "kill"),
         ({"gyro": swinging}, "oscillation"),
         ({"accel": struck}, "contact"),
-        ({"position": held, "attitude": held}, "loss_of_position"),
+        ({"position": hold_pose, "attitude": hold_pose}, "loss_of_position"),
         ({"position": falling}, "unknown"),
     ],
 )

@@ -13,16 +13,18 @@ NULL = SimpleNamespace(evidence=-3800.0)
 MODEL = SimpleNamespace(
     null_hypothesis=NULL, relinearized=lambda fit: SimpleNamespace(evidence=fit.evidence + CHANGE)
 )
-FOUND = Explanation((Hypothesis("imu_bias", (0,)),), None, -4.5, relinearized=True)
-RIVAL = replace(FOUND, hypotheses=(Hypothesis("accel_scale", (1,)),), evidence=-10.9)
+WINNER = Explanation((Hypothesis("imu_bias", (0,)),), None, -4.5, relinearized=True)
+RIVAL = replace(WINNER, hypotheses=(Hypothesis("accel_scale", (1,)),), evidence=-10.9)
 
 
 def test_new_slopes_cost_the_nominal_model_as_much_as_a_cause():
-    found, rival = _against_null_alike(MODEL, [FOUND, RIVAL])
+    found, rival = _against_null_alike(MODEL, [WINNER, RIVAL])
     assert found.evidence == pytest.approx(10.5)
     assert found.evidence - rival.evidence == pytest.approx(6.4)
 
 
-@pytest.mark.parametrize("kept", [replace(FOUND, relinearized=False), replace(FOUND, evidence=90)])
+@pytest.mark.parametrize(
+    "kept", [replace(WINNER, relinearized=False), replace(WINNER, evidence=90)]
+)
 def test_evidence_stays_with_the_old_slopes_or_where_it_is_strong(kept):
     assert _against_null_alike(MODEL, [kept]) == [kept]

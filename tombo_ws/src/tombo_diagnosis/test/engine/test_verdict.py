@@ -61,19 +61,19 @@ def remainder(rest, noisy=(), gusts=None, residual_r2=0.0, explained=0.0):
     return weigh_remainder(figures, share, thrust_fitted=False)
 
 
-def judged(result, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explained=1.0):
+def judgement_of(result, excess=NO_NOISE, noisy=(), gusts=None, residual_r2=0.0, explained=1.0):
     return judge(SETTING, result, remainder(left(excess), noisy, gusts, residual_r2, explained))
 
 
 @pytest.mark.parametrize(("excess", "verdict", "least"), [(NO_NOISE, "none", 0.8),
                                                           (LOUD, "unknown", 0.9)])  # fmt: skip
 def test_without_a_cause_the_remainder_decides(excess, verdict, least):
-    judgement = judged(searched(), excess, explained=0.0)
+    judgement = judgement_of(searched(), excess, explained=0.0)
     assert judgement.verdict == verdict and not judgement.effects and judgement.confidence > least
 
 
 def test_a_cause_that_leaves_only_chance_is_named():
-    judgement = judged(searched(explanation("wind")))
+    judgement = judgement_of(searched(explanation("wind")))
     assert (judgement.verdict, judgement.effects, judgement.members) == ("named", ("wind",), ())
     assert judgement.confidence > 0.9 and judgement.each["wind"] > 0.9
 
@@ -82,14 +82,18 @@ def test_a_cause_that_leaves_only_chance_is_named():
 @pytest.mark.parametrize("explained", [0.0, 0.4])
 def test_nothing_is_named_beside_a_large_remainder(evidence, explained):
     """However high its evidence is: without this test an unknown force gets a name."""
-    judgement = judged(searched(explanation("wind", evidence=evidence)), LOUD, explained=explained)
+    judgement = judgement_of(
+        searched(explanation("wind", evidence=evidence)), LOUD, explained=explained
+    )
     assert judgement.verdict == "unknown" and not judgement.effects and not judgement.members
 
 
 def test_what_explains_most_but_not_all_is_part_of_it():
-    judgement = judged(searched(explanation("wind")), LOUD, explained=0.95)
+    judgement = judgement_of(searched(explanation("wind")), LOUD, explained=0.95)
     assert (judgement.verdict, judgement.effects) == ("partly_explained", ("wind",))
-    weak = judged(searched(explanation("wind", evidence=2 * LOG_BF_FIRST)), LOUD, explained=0.95)
+    weak = judgement_of(
+        searched(explanation("wind", evidence=2 * LOG_BF_FIRST)), LOUD, explained=0.95
+    )
     assert weak.verdict == "unknown"
 
 
@@ -118,7 +122,7 @@ def test_effects_that_no_data_here_distinguish_are_one_set_whatever_their_eviden
 def test_causes_as_likely_as_each_other_are_a_set():
     close = explanation("tilt", evidence=PLAIN - 0.5 * LOG_BF_DISTINCT)
     far = explanation("drag", evidence=PLAIN - 3 * LOG_BF_DISTINCT)
-    judgement = judged(searched(explanation("wind", evidence=PLAIN), close, far))
+    judgement = judgement_of(searched(explanation("wind", evidence=PLAIN), close, far))
     assert judgement.verdict == "set" and judgement.effects == judgement.members == (
         "wind",
         "tilt",
@@ -130,66 +134,66 @@ def test_causes_as_likely_as_each_other_are_a_set():
 def test_strong_causes_are_distinguished_by_a_share_of_their_evidence(ahead, verdict):
     """Small errors of the model weigh more than noise does where much is at stake."""
     rival = explanation("tilt", evidence=STRONG * (1.0 - ahead))
-    assert judged(searched(explanation("wind"), rival)).verdict == verdict
+    assert judgement_of(searched(explanation("wind"), rival)).verdict == verdict
 
 
 def test_what_rivals_share_does_not_make_them_alike():
     """Two that both need the wind, which is strong, are distinguished by what they add to it."""
     best = explanation("wind", "bias", evidence=STRONG + PLAIN)
     result = searched(best, explanation("wind", "tilt", evidence=STRONG + PLAIN / 2))
-    assert judged(result).members
-    judgement = judged(replace(result, evaluated={frozenset({"wind"}): STRONG}))
+    assert judgement_of(result).members
+    judgement = judgement_of(replace(result, evaluated={frozenset({"wind"}): STRONG}))
     assert (judgement.effects, judgement.members) == (("wind", "bias"), ())
 
 
 def test_one_certain_cause_beside_two_that_can_not_be_distinguished():
     best = explanation("wind", "bias")
-    judgement = judged(searched(best, explanation("wind", "tilt", evidence=STRONG - 0.1)))
+    judgement = judgement_of(searched(best, explanation("wind", "tilt", evidence=STRONG - 0.1)))
     assert judgement.verdict == "named" and judgement.effects == ("wind",)
     assert set(judgement.members) == {"bias", "tilt"}
 
 
 def test_confidence_of_the_set_and_its_members_are_probabilities():
     close = explanation("tilt", evidence=STRONG)
-    judgement = judged(searched(explanation("wind"), close))
+    judgement = judgement_of(searched(explanation("wind"), close))
     assert (
         judgement.each["wind"]
         == pytest.approx(0.5, abs=0.02)
         == pytest.approx(judgement.each["tilt"])
     )
-    faint = judged(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
+    faint = judgement_of(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
     for each in (judgement, faint):
         assert all(0.0 <= v < 1.0 for v in (each.confidence, *each.each.values()))
 
 
 def test_a_cause_that_was_just_accepted_has_less_confidence():
-    faint = judged(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
-    assert faint.confidence < judged(searched(explanation("wind"))).confidence
+    faint = judgement_of(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
+    assert faint.confidence < judgement_of(searched(explanation("wind"))).confidence
 
 
 def test_noise_is_a_cause_beside_others():
-    judgement = judged(searched(explanation("wind")), noisy=[noise(evidence=STRONG / 2)])
+    judgement = judgement_of(searched(explanation("wind")), noisy=[noise(evidence=STRONG / 2)])
     assert (judgement.verdict, judgement.effects) == ("named", ("wind", "imu_noise"))
-    assert judged(searched(), noisy=[noise()], explained=0.0).effects == ("imu_noise",)
+    assert judgement_of(searched(), noisy=[noise()], explained=0.0).effects == ("imu_noise",)
 
 
 @pytest.mark.parametrize("gusts,residual_r2", [(blown(), 0.6), (blown(at_edge=True), 0.0)])
 def test_gusts_are_named_unless_they_repeat_or_are_at_the_edge(gusts, residual_r2):
-    assert judged(searched(), gusts=blown()).effects == ("gusts",)
-    judgement = judged(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
+    assert judgement_of(searched(), gusts=blown()).effects == ("gusts",)
+    judgement = judgement_of(searched(), gusts=gusts, residual_r2=residual_r2, explained=0.0)
     assert judgement.verdict == "unknown" and not judgement.effects
 
 
 def test_at_most_three_causes_are_named():
     many = [noise(f"noise_{k}", STRONG - k) for k in range(5)]
-    named = judged(searched(explanation("wind")), noisy=many).effects
+    named = judgement_of(searched(explanation("wind")), noisy=many).effects
     assert len(named) == 3 and named[0] == "wind"
 
 
 @pytest.mark.parametrize("excess", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("found", [searched(), searched(explanation("wind"))])
 def test_figures_that_are_not_finite_give_a_verdict_and_probabilities(excess, found):
-    judgement = judged(found, excess)
+    judgement = judgement_of(found, excess)
     assert judgement.verdict in ("none", "named", "unknown", "partly_explained")
     assert all(0.0 <= v <= 1.0 for v in (judgement.confidence, *judgement.each.values()))
     assert excess == -math.inf or not judgement.effects or judgement.verdict == "partly_explained"
@@ -198,14 +202,14 @@ def test_figures_that_are_not_finite_give_a_verdict_and_probabilities(excess, fo
 @pytest.mark.parametrize("evidence", [math.inf, 1e300, 1e5])
 def test_evidence_without_bounds_gives_probabilities(evidence):
     rival = explanation("tilt", evidence=-math.inf)
-    judgement = judged(searched(explanation("wind", evidence=evidence), rival))
+    judgement = judgement_of(searched(explanation("wind", evidence=evidence), rival))
     assert judgement.effects == ("wind",)
     assert all(0.0 <= v < 1.0 for v in (judgement.confidence, *judgement.each.values()))
 
 
 @pytest.mark.parametrize("tangent", [5e4, math.inf])
 def test_a_gain_of_the_tangent_without_one_of_the_model_is_no_cause(tangent):
-    judgement = judged(SearchResult(NOTHING, {"wind": tangent}, ()), explained=0.0)
+    judgement = judgement_of(SearchResult(NOTHING, {"wind": tangent}, ()), explained=0.0)
     assert judgement.verdict == "none" and 0.0 <= judgement.confidence <= 1.0
 
 
@@ -228,17 +232,19 @@ def test_of_a_stochastic_effect_the_best_fit_counts():
 def test_beside_a_strong_cause_a_weak_one_needs_more():
     # Alone either would do; by chance some effect nearly always looks a little likely.
     weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
-    judgement = judged(searched(explanation("mass_error", evidence=weak)), noisy=[noise()])
+    judgement = judgement_of(searched(explanation("mass_error", evidence=weak)), noisy=[noise()])
     assert judgement.verdict == "named" and judgement.effects == ("imu_noise",)
-    judgement = judged(searched(explanation("mass_error")), noisy=[noise(evidence=weak)])
+    judgement = judgement_of(searched(explanation("mass_error")), noisy=[noise(evidence=weak)])
     assert judgement.effects == ("mass_error",)
     enough = explanation("mass_error", evidence=LOG_BF_ADDITIONAL + 1.0)
-    judgement = judged(searched(enough), noisy=[noise()])
+    judgement = judgement_of(searched(enough), noisy=[noise()])
     assert set(judgement.effects) == {"mass_error", "imu_noise"}
 
 
 def test_alternatives_of_a_cause_that_was_not_accepted_are_no_set():
     weak = 0.5 * (LOG_BF_FIRST + LOG_BF_ADDITIONAL)
     rival = explanation("thrust", evidence=weak - 1.0)
-    judgement = judged(searched(explanation("mass_error", evidence=weak), rival), noisy=[noise()])
+    judgement = judgement_of(
+        searched(explanation("mass_error", evidence=weak), rival), noisy=[noise()]
+    )
     assert judgement.effects == ("imu_noise",) and not judgement.members

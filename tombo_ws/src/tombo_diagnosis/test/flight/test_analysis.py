@@ -10,16 +10,16 @@ from tombo_diagnosis.flight.analyse import analyse
 
 pytestmark = pytest.mark.slow
 
-DOUBT = {"steady_wind": {"east": 1.0}, "mocap_misalignment": {"pitch": 0.02}}
+EQUIVALENT_EFFECTS = {"steady_wind": {"east": 1.0}, "mocap_misalignment": {"pitch": 0.02}}
 """What flights at one heading without an IMU can't tell apart."""
 
 
-def judged(*args, **more):
+def judgement_of(*args, **more):
     return analyse(tracks(*args, **more), nominal()).judgement
 
 
 def test_healthy_flights_have_none():
-    words = judged(seed=11, sensors="mocap")
+    words = judgement_of(seed=11, sensors="mocap")
     assert words.verdict == "none" and not words.effects and not words.members
     assert words.confidence > 0.8
 
@@ -41,28 +41,32 @@ def test_healthy_vehicles_with_scattered_propellers_give_no_cause(sensors):
 
 @pytest.mark.parametrize("unknown,sensors", [("tether", "imu_rpm"), ("thrust_fade", "mocap_rpm")])
 def test_forces_of_no_effect_get_no_name(unknown, sensors):
-    words = judged(disturbance=(unknown,), sensors=sensors, seed=2)
+    words = judgement_of(disturbance=(unknown,), sensors=sensors, seed=2)
     assert words.verdict == "unknown" and not words.effects and not words.members
 
 
 def test_what_can_not_be_distinguished_is_a_set():
     """Wind as a set: test_separation.py."""
-    words = judged(
-        {"mocap_misalignment": DOUBT["mocap_misalignment"]}, courses=SLOW, sensors="mocap"
+    words = judgement_of(
+        {"mocap_misalignment": EQUIVALENT_EFFECTS["mocap_misalignment"]},
+        courses=SLOW,
+        sensors="mocap",
     )
     assert words.verdict == "set"
-    assert set(words.members) == set(DOUBT) == set(words.effects)
+    assert set(words.members) == set(EQUIVALENT_EFFECTS) == set(words.effects)
     assert words.each["mocap_misalignment"] > 0.1
 
 
 def test_an_accelerometer_tells_them_apart():
-    words = judged({"steady_wind": DOUBT["steady_wind"]}, courses=SLOW, sensors="imu")
+    words = judgement_of(
+        {"steady_wind": EQUIVALENT_EFFECTS["steady_wind"]}, courses=SLOW, sensors="imu"
+    )
     assert words.verdict == "named" and words.effects == ("steady_wind",)
 
 
 def test_a_cause_beside_an_unknown_force_is_not_all_of_it():
     """The gate: the wind is there, but the flights are not explained by it."""
-    words = judged({"steady_wind": {"east": 1.5}}, disturbance=("yaw_spring",))
+    words = judgement_of({"steady_wind": {"east": 1.5}}, disturbance=("yaw_spring",))
     assert words.verdict in ("partly_explained", "unknown")
 
 

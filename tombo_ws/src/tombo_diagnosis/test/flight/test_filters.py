@@ -11,12 +11,12 @@ from tombo_logs.checks.even_flight import held_means, resample
 
 TICK = 0.004
 T = 3.0 + TICK * np.arange(400)
-WIDTHS = st.floats(0.01, 0.1)
+KERNEL_WIDTHS = st.floats(0.01, 0.1)
 SHORT = st.floats(-2.0, 2.0)
 
 
 @pytest.mark.slow
-@given(WIDTHS, SHORT, SHORT, SHORT)
+@given(KERNEL_WIDTHS, SHORT, SHORT, SHORT)
 def test_value_slope_and_curvature_of_a_parabola_are_exact(width, a, b, c):
     """The mean of a parabola is its value and its curvature times half the kernel's variance."""
     kernel = gaussian(T, width, 0.02)
@@ -28,7 +28,7 @@ def test_value_slope_and_curvature_of_a_parabola_are_exact(width, a, b, c):
 
 
 @pytest.mark.slow
-@given(WIDTHS, st.floats(0.2, 1.5), st.floats(0.0, 6.0))
+@given(KERNEL_WIDTHS, st.floats(0.2, 1.5), st.floats(0.0, 6.0))
 def test_curvature_of_the_position_is_the_filtered_acceleration(width, frequency, phase):
     """Both sides pass through one kernel: smoothing costs resolution but adds next to no error."""
     kernel = gaussian(T, width, 0.02)
@@ -53,7 +53,7 @@ def test_rows_lie_as_far_apart_as_asked_and_inside():
     assert kernel.t[-1] + kernel.reach <= T[-1] + 1e-9
 
 
-@given(st.integers(0, T.size - 1), st.integers(1, 50), WIDTHS)
+@given(st.integers(0, T.size - 1), st.integers(1, 50), KERNEL_WIDTHS)
 def test_clear_rows_are_those_that_nothing_spoiled_reaches(first, count, width):
     kernel = gaussian(T, width, 0.02)
     spoiled = np.zeros(T.size, bool)

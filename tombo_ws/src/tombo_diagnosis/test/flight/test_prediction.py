@@ -17,7 +17,7 @@ HIDDEN = {"steady_wind": {"east": 1.0}, "flapping_moment": {"k": 0.02}}
 
 
 @cache
-def flown(*hidden):
+def fly_course(*hidden):
     effects = with_hidden({name: dict(values) for name, values in hidden}, SILENT)
     return fly(effects, LIVELY[0], draws=ROTOR_DRAWS)
 
@@ -66,7 +66,7 @@ def allowed(channel):
 @pytest.mark.slow
 @pytest.mark.parametrize("sensors", SENSORS)
 def test_the_true_model_leaves_nearly_nothing(sensors):
-    track = track_of(as_log(flown(*frozen(HIDDEN)), sensors=sensors))
+    track = track_of(as_log(fly_course(*frozen(HIDDEN)), sensors=sensors))
     left = rows_of(track, theta_of(HIDDEN))
     assert track.formulation == sensors.split("_")[0]
     for name, rows in left.items():
@@ -78,7 +78,7 @@ def test_the_true_model_leaves_nearly_nothing(sensors):
 
 @pytest.mark.parametrize("sensors", SENSORS)
 def test_sensors_say_which_channels_there_are(sensors):
-    log = as_log(flown(*frozen(HIDDEN)), sensors=sensors)
+    log = as_log(fly_course(*frozen(HIDDEN)), sensors=sensors)
     names = names_of(log)
     assert len(set(names)) == len(names)
     assert ("rotor speed 1" in names) == sensors.endswith("rpm")
@@ -115,7 +115,7 @@ def test_every_fault_of_the_frame_or_the_stamps_is_here():
 def test_a_fault_of_the_motion_capture_is_undone_by_its_parameters(fault):
     """The motion behind the poses is the one that was flown."""
     hidden = FAULTS[fault]
-    flight = flown(*frozen(hidden))
+    flight = fly_course(*frozen(hidden))
     track = track_of(as_log(flight))
 
     def off(theta):
@@ -137,7 +137,7 @@ def test_a_fault_of_the_motion_capture_is_undone_by_its_parameters(fault):
 @pytest.mark.parametrize("fault", FAULTS)
 def test_what_is_undone_leaves_nothing_in_any_channel(fault):
     hidden = FAULTS[fault]
-    track = track_of(as_log(flown(*frozen(hidden))))
+    track = track_of(as_log(fly_course(*frozen(hidden))))
     for name, rows in rows_of(track, theta_of(hidden)).items():
         assert np.sqrt(np.mean(rows**2)) < allowed(name), name
 
@@ -147,7 +147,7 @@ def test_what_is_undone_leaves_nothing_in_any_channel(fault):
 def test_a_frame_turned_by_any_angle_is_undone(turned):
     """As where x and y were mixed up: the motion is found to a fraction of a millimetre."""
     hidden = {"mocap_misalignment": {"yaw": turned, "roll": 0.1}}
-    flight = flown()
+    flight = fly_course()
     log = as_log(flight, true_poses=True)
     c, s = np.cos(turned), np.sin(turned)
     tilt = np.array([[1, 0, 0], [0, np.cos(0.1), -np.sin(0.1)], [0, np.sin(0.1), np.cos(0.1)]])

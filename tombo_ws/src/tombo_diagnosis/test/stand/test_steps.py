@@ -7,7 +7,7 @@ from tombo_diagnosis.stand.tables.plateaus import find_step, plateaus
 from tombo_diagnosis.stand.tables.table_reader import read_stand
 
 UP = np.linspace(0.25, 1.0, 16)
-WAYS = {
+STEP_CASES = {
     "up and down": np.concatenate([UP, UP[-2::-1]]),
     "twice": np.concatenate([UP, UP[-2::-1], UP, UP[-2::-1]]),
     "three sweeps": np.concatenate([UP, UP, UP]),
@@ -32,9 +32,9 @@ def thrust(w, seed):
 
 
 @pytest.mark.parametrize("drift", DRIFTS)
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", STEP_CASES)
 def test_clean_drifting_and_bent_runs_have_no_step(way, drift):
-    w = WAYS[way]
+    w = STEP_CASES[way]
     e = np.linspace(0.0, 1.0, w.size)
     for seed in range(12):
         assert find_step(800.0 * w, thrust(w, seed) + DRIFTS[drift](w, e), e) is None
@@ -42,7 +42,7 @@ def test_clean_drifting_and_bent_runs_have_no_step(way, drift):
 
 @pytest.mark.parametrize("size", [-0.15, -0.08, 0.12])
 def test_a_chipped_blade_is_found_where_it_chipped(size):
-    w = np.tile(WAYS["at random"], 2)
+    w = np.tile(STEP_CASES["at random"], 2)
     e = np.linspace(0.0, 1.0, w.size)
     result = 0
     for seed, at in enumerate(range(22, 60, 3)):
@@ -56,13 +56,13 @@ def test_a_chipped_blade_is_found_where_it_chipped(size):
 
 
 def test_one_sweep_can_not_tell_a_step_from_a_stall():
-    w = WAYS["one sweep"]
+    w = STEP_CASES["one sweep"]
     load = thrust(w, 0) * np.where(np.arange(w.size) >= 24, 0.85, 1.0)
     assert find_step(800.0 * w, load, np.arange(w.size)) is None
 
 
 def test_the_shorter_part_is_excluded_and_reported(tmp_path):
-    w = np.tile(WAYS["twice"], 2)
+    w = np.tile(STEP_CASES["twice"], 2)
     load = thrust(w, 3) * np.where(np.arange(w.size) >= 80, 0.88, 1.0)
     rows = [f"{7000.0 * x:.1f},{y:.5f}" for x, y in zip(w, load, strict=True)]
     (tmp_path / "a.csv").write_text("\n".join(["rpm,thrust_N", *rows]) + "\n")

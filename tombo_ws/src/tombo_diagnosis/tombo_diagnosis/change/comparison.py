@@ -2,7 +2,7 @@
 
 Flights come in sessions. Between sessions, battery, seat and air change the common part of all
 rotors, and its roll, pitch and yaw parts, more than single rotors; flights of one session differ
-less. A vehicle has few sessions, so both spreads are pooled with those of other vehicles, and the
+less. A vehicle has few sessions, so both spreads are pooled with those of other vehicles. The
 prediction for a further session has the tails of Student's t.
 """
 

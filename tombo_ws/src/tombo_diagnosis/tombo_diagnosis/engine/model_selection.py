@@ -33,7 +33,7 @@ _RELINEARIZE_LOG_BF = 25.0
 """Above this evidence the slopes of the nominal model are not accurate enough."""
 _RELINEARIZE_WITHIN_LOG_BF = 10.0
 """Explanations so close to the best one are compared with it with slopes of their own."""
-_WIDTHS = np.geomspace(1.5, 40.0, 10)
+_WIDTH_FACTORS = np.geomspace(1.5, 40.0, 10)
 """Factors on the width of a stochastic effect that are tried."""
 
 
@@ -169,12 +169,12 @@ def _widest(
     base = model.evidence_with(fit, fit.prior_std_scale, tight)
     gains = [
         model.evidence_with(fit, {**fit.prior_std_scale, effect: float(width)}, tight) - base
-        for width in _WIDTHS
+        for width in _WIDTH_FACTORS
     ]
     mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains)) - price
     mean -= model.setting.log_prior_cost
     mean -= _healthy_gain(model, fit, (), tight, {effect: 1.0})
-    return mean, Hypothesis(effect, (), float(_WIDTHS[int(np.argmax(gains))]))
+    return mean, Hypothesis(effect, (), float(_WIDTH_FACTORS[int(np.argmax(gains))]))
 
 
 def _with_hypothesis(
@@ -195,7 +195,7 @@ def fit_hypotheses(
     evidence = _beyond_healthy(model, fit) - null.evidence
     evidence -= sum(_multiplicity_penalty(model, each.effect) for each in hypotheses)
     evidence -= sum(
-        math.log(_WIDTHS.size) - 1.0 + model.noise_effects()[e] for e in prior_std_scale
+        math.log(_WIDTH_FACTORS.size) - 1.0 + model.noise_effects()[e] for e in prior_std_scale
     )
     for each in hypotheses:
         if each.free and all(fit.theta[i] == model.theta[i] for i in each.free):

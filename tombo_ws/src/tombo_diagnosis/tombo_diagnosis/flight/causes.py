@@ -31,8 +31,8 @@ from tombo_flight.extended_model import FittedParameter
 _SCALE_KG = 1e-3
 """kg: resolution of the scales of most labs."""
 UNWEIGHED = 0.5
-"""Confidence, at most, in a change of mass or balance that such a scale would not show: so small
-an effect may come from a cause outside the candidates."""
+"""Confidence, at most, in a change of mass or balance that such a scale would not show. A cause
+outside the candidates may have such a small effect."""
 
 
 def estimate_cause(effect: str, findings: FlightAnalysis, explanation: Explanation) -> Cause:

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Final
 
 import numpy as np
 
-from tombo_diagnosis.diagnosis import Dependence, Leftover, LeftoverSamples
+from tombo_diagnosis.diagnosis import VARIABLES, Dependence, Leftover, LeftoverSamples
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.fit.prediction import MotionOfPoses, simulate_along_motion
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
@@ -25,10 +24,6 @@ _BLOCK_S = 0.24
 _CHANNELS: Mapping[str, tuple[str, ...]] = {
     "force": ("force", "acceleration"), "moment": ("turning",),
 }  # fmt: skip
-VARIABLES: Final = (
-    "x", "y", "z", "vx", "vy", "vz", "u", "v", "w", "p", "q", "r", "yaw", "thrust", "t", "voltage",
-)  # fmt: skip
-"""Variables of `LeftoverSamples.state` that a leftover may follow."""
 _SLICES = 10
 """Of a variable, with equally many samples each."""
 _MIN_R2 = 0.1

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from tombo_diagnosis.diagnosis import Cause, Dependence, Diagnosis, Leftover, Residual
+from tombo_diagnosis.diagnosis import VARIABLES, Cause, Dependence, Diagnosis, Leftover, Residual
 from tombo_diagnosis.report import residual_data as data
 from tombo_diagnosis.report.residual_data import Pair, corrected
 from tombo_diagnosis.report.words import (
@@ -24,7 +24,6 @@ from tombo_diagnosis.report.words import (
     best_gains,
     headline,
     leading,
-    variable_label,
 )
 from tombo_diagnosis.wording import certainty, display_name, interval, percent, unit
 from tombo_flight.extended_model import FittedParameter, Gain
@@ -81,7 +80,8 @@ def draw_dependence(leftover: Leftover, followed: Dependence) -> Figure:
                     marker="o", ms=3, elinewidth=0.9, label=f"{followed.frame} {axis}",
                 )  # fmt: skip
         axes.legend(loc="best", ncols=3, fontsize=7)
-        axes.set_xlabel(variable_label(followed.variable))
+        variable = VARIABLES[followed.variable]
+        axes.set_xlabel(f"{variable.text} [{variable.unit}]")
         axes.set_ylabel(f"{followed.quantity} left over [{LEFTOVER_UNITS[followed.quantity]}]")
 
     return _panel(draw)

@@ -29,6 +29,7 @@ from tombo_bag.topics import (
     SETPOINT,
 )
 from tombo_diagnosis.crash.reason import Why
+from tombo_diagnosis.report.page import check_items
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import yaw_pitch_roll
@@ -134,6 +135,7 @@ def log_page(flights: Sequence[Flight], reasons: Sequence[Why | InputError]) -> 
     names = [flight.name or flight.source for flight in flights]
     spectra = _spectra_picture(flights)
     timing = _timing_picture(flights)
+    findings = [finding for flight in flights for finding in flight.findings]
     one = len(flights) == 1
     return Page(
         title=f"Logs: {', '.join(names)}",
@@ -148,7 +150,7 @@ def log_page(flights: Sequence[Flight], reasons: Sequence[Why | InputError]) -> 
             Section("Vibration", [spectra] if spectra else [], "page"),
             Section("Motion capture", [timing] if timing else [], "page"),
             Section("Events", _events(names, flights)),
-            Section("Checks of the logs", _findings(names, flights)),
+            Section("Checks of the logs", check_items(findings, "log")),
         ],
         data={"logs": [_log_data(*row) for row in zip(flights, figures, reasons, strict=True)]},
     )
@@ -411,17 +413,6 @@ def _events(names: Sequence[str], flights: Sequence[Flight]) -> list[Table]:
         if event.get("time_s") is not None
     ]
     return [Table(["log", "time", "kind", "what"], rows)] if rows else []
-
-
-def _findings(names: Sequence[str], flights: Sequence[Flight]) -> list[Table | Text]:
-    rows = [
-        [name, finding.severity, finding.check, finding.message]
-        for name, flight in zip(names, flights, strict=True)
-        for finding in flight.findings
-    ]
-    if not rows:
-        return [Text(["Nothing to remark."])]
-    return [Table(["log", "severity", "check", "what"], rows)]
 
 
 def _log_data(flight: Flight, figures: Mapping[str, Any], why: Why | InputError) -> dict[str, Any]:

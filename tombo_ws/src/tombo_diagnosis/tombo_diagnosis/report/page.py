@@ -13,6 +13,7 @@ import numpy as np
 from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import (
     MODEL,
+    VARIABLES,
     Cause,
     Diagnosis,
     FlightSummary,
@@ -37,7 +38,6 @@ from tombo_diagnosis.report.words import (
     headline,
     leading,
     next_steps,
-    variable_name,
 )
 from tombo_diagnosis.wording import (
     DASH,
@@ -243,7 +243,7 @@ def _leftover(diagnosis: Diagnosis) -> list[Item]:
     pictures = [
         Picture(
             partial(figures.draw_dependence, leftover, each), "All flights; mean in slices",
-            f"{each.quantity} left over against {variable_name(each.variable)}", "narrow",
+            f"{each.quantity} left over against {VARIABLES[each.variable].text}", "narrow",
         )
         for each in leftover.dependences
     ]  # fmt: skip

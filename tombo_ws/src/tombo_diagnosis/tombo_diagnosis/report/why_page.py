@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tombo_diagnosis.crash.reason import CAUSES, Why, why_mapping
+from tombo_diagnosis.report.page import check_items
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Card, Page, Picture, Section, Table
@@ -32,6 +33,7 @@ def why_page(found: Why) -> Page:
         [f"{s.time:.2f} s", CAUSES.get(s.kind, s.kind).replace("_", " "), s.text]
         for s in found.timeline
     ]
+    against = [finding for finding in found.findings if finding.severity != "info"]
     cards = [Card("cause", found.cause.replace("_", " "))]
     if found.time_s is not None:
         cards.append(Card("first deviation", f"{found.time_s:.2f}", "s"))
@@ -48,7 +50,10 @@ def why_page(found: Why) -> Page:
             Section(
                 "What was seen", [Table(["time", "speaks for", "sign"], rows)] if rows else []
             ),
-            Section("What the checks have against the log", findings_table(found)),
+            Section(
+                "What the checks have against the log",
+                check_items(against, "log") if against else [],
+            ),
             Section("Around it", [picture] if found.time_s is not None else [], "page"),
         ],
         data=why_mapping(found),
@@ -56,12 +61,6 @@ def why_page(found: Why) -> Page:
         verdict=found.cause.replace("_", " "),
         verdict_style="good" if found.cause == "none" else "bad",
     )
-
-
-def findings_table(found: Why) -> list[Table]:
-    """Return the faults and doubts of the checks; nothing where there are none."""
-    rows = [[f.severity, f.check, f.message] for f in found.findings if f.severity != "info"]
-    return [Table(["severity", "check", "what"], rows)] if rows else []
 
 
 def _headline(found: Why) -> str:

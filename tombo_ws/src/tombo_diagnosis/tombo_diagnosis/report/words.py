@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from tombo_diagnosis.diagnosis import Cause, Diagnosis, Leftover
+from tombo_diagnosis.diagnosis import VARIABLES, Cause, Diagnosis, Leftover
 from tombo_diagnosis.wording import capital, certainty, display_name, listed, percent, sized
 from tombo_dynamics.effects import REGISTRY
 from tombo_flight.extended_model import Gain
@@ -100,30 +100,6 @@ def changes(gain: Gain) -> bool:
 
 
 LEFTOVER_UNITS: Final = {"force": "N", "moment": "N m"}
-_VARIABLES: Final = {
-    **{a: f"place {a}" for a in "xy"}, "z": "height",
-    **{f"v{a}": f"velocity along map {a}" for a in "xyz"},
-    **{name: f"velocity along body {a}" for name, a in zip("uvw", "xyz", strict=True)},
-    **{name: f"rate about body {a}" for name, a in zip("pqr", "xyz", strict=True)},
-    "t": "time since the start",
-}  # fmt: skip
-"""Variable of a leftover → its name in words; of others their own."""
-
-
-_UNITS: Final = {
-    **dict.fromkeys("xyz", "m"), **dict.fromkeys(("vx", "vy", "vz", *"uvw"), "m/s"),
-    **dict.fromkeys("pqr", "rad/s"), "yaw": "rad", "thrust": "N", "t": "s", "voltage": "V",
-}  # fmt: skip
-
-
-def variable_label(variable: str) -> str:
-    """Return the label of an axis: the variable with its unit."""
-    return f"{variable_name(variable)} [{_UNITS[variable]}]"
-
-
-def variable_name(variable: str) -> str:
-    """Return the name in words of a variable that a leftover may follow."""
-    return _VARIABLES.get(variable, variable)
 
 
 def dependence_text(left: Leftover) -> str:
@@ -131,7 +107,7 @@ def dependence_text(left: Leftover) -> str:
     texts = []
     for quantity in left.rms:
         names = [
-            f"{variable_name(d.variable)} ({percent(d.r2)})"
+            f"{VARIABLES[d.variable].text} ({percent(d.r2)})"
             for d in left.dependences
             if d.quantity == quantity
         ]

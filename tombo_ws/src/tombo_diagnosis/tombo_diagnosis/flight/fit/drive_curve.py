@@ -125,16 +125,16 @@ def _fitted(
 
 
 def _command_exponent(
-    command: Array, load: Array, beside: Array, counts: Sequence[int]
+    command: Array, load: Array, others: Array, counts: Sequence[int]
 ) -> tuple[float, float]:
     """Return what flights alone say of the exponent, and the deviation of its logarithm.
 
-    `beside` (W, k) are further regressors of both. The exponent is between the regression of load
+    `others` (W, k) are further regressors of both. The exponent is between the regression of load
     on command and the inverse of that of command on load (Frisch's bounds): their geometric mean,
     and half the logarithm of their ratio. The deviation is infinite where the two do not go
     together.
     """
-    left = [y - beside @ np.linalg.lstsq(beside, y, rcond=None)[0] for y in (command, load)]
+    left = [y - others @ np.linalg.lstsq(others, y, rcond=None)[0] for y in (command, load)]
     (cc, cl), (_, ll) = np.array([[a @ b for b in left] for a in left]).tolist()
     if cl <= _LEAST * len(load) or cc <= 0.0 or ll <= 0.0:
         return 1.0, np.inf

@@ -135,9 +135,9 @@ def motion_of(track: Track, nominal: NominalModel, theta: Array) -> MotionOfPose
 def _smooth_path(track: Track, position: Array, rotation: Array) -> tuple[Array, Array]:
     """Return position and velocity, (N, 3) each, with little of the noise of the poses.
 
-    Slow motion is that of the poses, quick motion that of the accelerometer, integrated twice. A
-    force that follows the velocity, or a thread that is stretched, turns noise of the poses into
-    noise of the regressors, and the fitted value is too small.
+    Slow motion is that of the poses, quick motion that of the accelerometer, integrated twice.
+    Where a force follows the velocity or stretches a thread, noise of the poses is noise of the
+    regressors. The fitted value would then be too small.
     """
     tick = track.step
     width = POSE_WIDTH / tick

@@ -298,9 +298,8 @@ class FlightProblem:
         """Return the fit that equations about theta come to.
 
         A parameter that the data would move beyond its bound is pinned there: no delay is
-        negative. Of free parameters, only those that would pass the bound without effect: a
-        propeller that is stronger than new, made up for by scatter that is none, turns the vehicle
-        at will.
+        negative. A free parameter is pinned only at the bound where it has no effect: a propeller
+        that is stronger than new, with a scatter that makes up for it, turns the vehicle at will.
         """
         unknowns, normal = self.unknowns, sum_of(tangent.normals)
         pinned: list[int] = []
