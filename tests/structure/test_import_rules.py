@@ -50,8 +50,8 @@ LIBRARIES = {
     "tombo_control": {"numpy", "scipy", "numba"},
     "tombo_collision": {"numpy", "scipy", "numba", "filterpy", "daqp"},
     "tombo_sim": {"numpy", "scipy", "numba"},
-    "tombo_logs": {"numpy", "scipy", "yaml", "pandas", "pyulog", "filterpy"},
-    "tombo_diagnosis": {"numpy", "scipy", "yaml", "pandas"},
+    "tombo_logs": {"numpy", "scipy", "yaml", "pandas", "pyulog"},
+    "tombo_diagnosis": {"numpy", "scipy", "yaml", "pandas", "filterpy"},
 }
 COMPILED = {*MATHS, "tombo_sim"}
 """Packages whose sources are in the key of the compile cache."""
