@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tombo_bag.markers import disc_markers
-from tombo_bag.topics import MARKERS, ODOMETRY
+from tombo_bag.topics import MARKERS, ODOMETRY, TF
 from tombo_control.estimator import nearest_tick
 from tombo_control.estimator_core import EstimatorCore
 from tombo_dynamics.rotation import rotate_vector
@@ -27,7 +27,7 @@ class EstimatorNode(CoreNode):
         """Advertise what is drawn."""
         super().__init__(EstimatorCore, priority=ESTIMATOR)
         self._markers = self.advertise(MARKERS)
-        self._transforms = TransformPublisher(self)
+        self._transforms = TransformPublisher(self.advertise(TF))
         self._hubs = self.records["vehicle"].rotor_positions()
 
     def on_published(self, topic: str, message: Any) -> None:

@@ -19,7 +19,7 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from tombo_bag.message_codec import MessageCodec
-from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ODOMETRY, PX4_STATUS, SETPOINT
+from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, ODOMETRY, PX4_STATUS, SETPOINT, TF
 from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.errors import InputError
@@ -117,7 +117,7 @@ class Px4BridgeNode(LoopNode):
         self._battery_out, self._status_out = self.advertise(BATTERY), self.advertise(PX4_STATUS)
         self._seldom_ns = 0
         """Stamp of the last estimate that went out as a transform, too."""
-        self._transforms = TransformPublisher(self)
+        self._transforms = TransformPublisher(self.advertise(TF))
         self._waiting: deque[tuple[str, Any]] = deque()  # filled by the services' thread
         self._pending_requests: dict[int, Any] = {}
         self._offer(SetBool, "arm", lambda request: "arm" if request.data else "disarm")

@@ -16,7 +16,7 @@ STAMP_NS = 1_700_000_000_123_456_789
 def test_the_chain_goes_from_map_by_odom_to_the_body():
     sent = {}
     output = SimpleNamespace(publish=sent.setdefault(TF.name, []).append)
-    publisher = TransformPublisher(SimpleNamespace(advertise=lambda spec: output))
+    publisher = TransformPublisher(output)
     position, attitude = np.array([1.0, -2.0, 3.0]), np.array([0.5, -0.5, 0.5, -0.5])
     publisher.send(STAMP_NS - 1, -position, -attitude)
     publisher.send(STAMP_NS, position, attitude)

@@ -6,15 +6,15 @@ from tombo_bag.columnar_cdr import lay_in, lay_in_times, layout
 from tombo_bag.message_codec import CONSTANTS
 from tombo_bag.topics import TF
 from tombo_dynamics.arrays import Array
-from tombo_ros.node_loop import LoopNode
+from tombo_ros.topic import TopicPublisher
 
 
 class TransformPublisher:
     """Publishes a pose of base_link in map as transforms."""
 
-    def __init__(self, node: LoopNode) -> None:
-        """Advertise `/tf`."""
-        self._out = node.advertise(TF)
+    def __init__(self, out: TopicPublisher) -> None:
+        """Lay out the message that `out`, of `/tf`, sends."""
+        self._out = out
         self._message = layout(TF.typename, CONSTANTS[TF.typename]).records(1)
 
     def send(self, stamp_ns: int, position: Array, attitude: Array) -> None:
