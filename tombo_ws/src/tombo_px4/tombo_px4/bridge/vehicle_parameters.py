@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -194,25 +194,6 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
     return wanted
 
 
-@dataclass
-class _Parameter:
-    """Known state of a parameter of the vehicle, and the number of requests and writes."""
-
-    wanted: float | None = None
-    """To be written; None: nothing, or it is."""
-    value: float | int | None = None
-    kind: int = 0
-    changed: bool = False
-    asked_ns: int = 0
-    tries: int = 0
-    writes: int = 0
-
-    @property
-    def silent(self) -> bool:
-        """The vehicle does not answer to it."""
-        return self.value is None and self.tries >= _TRIES
-
-
 class ParameterReader:
     """Asks for a few parameters at a time until each is known or has not answered four times."""
 
@@ -220,70 +201,81 @@ class ParameterReader:
         self, names: Iterable[str], to: MessageTarget, writes: Mapping[str, float] | None = None
     ) -> None:
         self._to = to
-        self._all = {name: _Parameter() for name in names}
-        self._all |= {name: _Parameter(wanted=value) for name, value in (writes or {}).items()}
+        self._wanted = dict(writes or {})
+        """To be written; what PX4 has taken is left out."""
+        self._names = list(dict.fromkeys([*names, *self._wanted]))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all values: another vehicle, or a restart of it."""
+        self._known: dict[str, ParameterValue] = {}
+        self._tries: Counter[str] = Counter()
+        self._writes: Counter[str] = Counter()
+        self._asked_ns: Counter[str] = Counter()
+        self._changed: set[str] = set()
         self._begun_ns: int | None = None
 
     @property
     def values(self) -> dict[str, float | int]:
         """Newest values from the vehicle."""
-        return {name: p.value for name, p in self._all.items() if p.value is not None}
+        return {name: known.value for name, known in self._known.items()}
 
     @property
     def unwritten(self) -> dict[str, float]:
         """Names that the vehicle did not accept."""
         return {
-            name: p.wanted
-            for name, p in self._all.items()
-            if p.wanted is not None and (p.silent or p.writes >= _TRIES)
+            name: value
+            for name, value in self._wanted.items()
+            if self._silent(name) or self._writes[name] >= _TRIES
         }
 
     @property
     def await_restart(self) -> list[str]:
         """Names of changed parameters that PX4 uses after its next start only."""
-        return [name for name in _AT_START if name in self._all and self._all[name].changed]
+        return [name for name in _AT_START if name in self._changed]
 
     @property
     def complete(self) -> bool:
         """All requests are answered or given up."""
-        return all(p.value is not None or p.silent for p in self._all.values())
+        return all(name in self._known or self._silent(name) for name in self._names)
 
-    def reset(self) -> None:
-        """Forget all values: another vehicle, or a restart of it."""
-        self._all = {name: _Parameter(p.wanted) for name, p in self._all.items()}
-        self._begun_ns = None
+    def _silent(self, name: str) -> bool:
+        """Return whether the vehicle does not answer to a name."""
+        return name not in self._known and self._tries[name] >= _TRIES
 
     def take(self, parameter: ParameterValue) -> None:
         """Take a value, asked for or not: PX4 tells when one is changed."""
-        known = self._all.get(parameter.name)
-        if known is None:
+        name, value = parameter.name, parameter.value
+        if name not in self._names:
             return
-        known.value, known.kind = parameter.value, parameter.kind
-        if known.wanted is not None and math.isclose(
-            parameter.value, known.wanted, rel_tol=1e-5, abs_tol=1e-5
-        ):
-            known.changed |= known.writes > 0
-            known.wanted = None
+        self._known[name] = parameter
+        wanted = self._wanted.get(name, math.nan)
+        if math.isclose(value, wanted, rel_tol=1e-5, abs_tol=1e-5):
+            del self._wanted[name]
+            if self._writes[name]:
+                self._changed.add(name)
 
     def tick(self, now_ns: int, on_ground: bool) -> list[Any]:
         """Return what to send now."""
         begun_ns = self._begun_ns
         if begun_ns is None or (on_ground and self.complete and now_ns - begun_ns > _AFRESH_NS):
-            for parameter in self._all.values():
-                parameter.tries = 0 if begun_ns is None else _TRIES - 1
-                parameter.asked_ns = 0
+            tries = 0 if begun_ns is None else _TRIES - 1
+            self._tries = Counter(dict.fromkeys(self._names, tries))
+            self._asked_ns.clear()
             self._begun_ns = begun_ns = now_ns
         messages: list[Any] = []
-        for name, parameter in self._all.items():
-            if now_ns - parameter.asked_ns <= _AGAIN_NS or len(messages) >= _AT_ONCE:
+        for name in self._names:
+            asked_ns, known = self._asked_ns[name], self._known.get(name)
+            if now_ns - asked_ns <= _AGAIN_NS or len(messages) >= _AT_ONCE:
                 continue
-            fresh = parameter.value is not None and parameter.asked_ns >= begun_ns
-            if parameter.wanted is not None and parameter.value is not None and on_ground:
-                if parameter.writes < _TRIES:
-                    parameter.writes, parameter.asked_ns = parameter.writes + 1, now_ns
-                    messages.append(self._write(name, parameter.wanted, parameter.kind))
-            elif parameter.tries < _TRIES and not fresh:
-                parameter.tries, parameter.asked_ns = parameter.tries + 1, now_ns
+            if name in self._wanted and known is not None and on_ground:
+                if self._writes[name] < _TRIES:
+                    self._writes[name] += 1
+                    self._asked_ns[name] = now_ns
+                    messages.append(self._write(name, self._wanted[name], known.kind))
+            elif self._tries[name] < _TRIES and (known is None or asked_ns < begun_ns):
+                self._tries[name] += 1
+                self._asked_ns[name] = now_ns
                 messages.append(read_parameter(self._to, name))
         return messages
 
