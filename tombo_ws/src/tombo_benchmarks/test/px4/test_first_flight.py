@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import math
+import sys
 
 import numpy as np
 import pytest
 
 from tombo_bringup.first_flight.checks import (
+    Session,
     battery_lack,
     blockers_of,
+    check_axes,
     clock_lack,
     fall_of,
     fence_lack,
@@ -20,6 +24,7 @@ from tombo_bringup.first_flight.checks import (
 )
 from tombo_bringup.first_flight.runner import Answers, do_steps, steps_to_do
 from tombo_bringup.first_flight.steps import STEPS, Step
+from tombo_bringup.lab_file import Lab
 from tombo_control.safety.params import FlightVolume
 from tombo_dynamics.errors import InputError
 from tombo_px4.bridge.vehicle_parameters import parameter_file
@@ -91,6 +96,23 @@ def test_only_blocking_findings_stop_the_proof_of_the_axes():
     assert blockers_of({"findings": ""}) != ""  # PX4 is not heard
 
 
+class EndedBridge(Session):
+    """A session whose `tombo up` loses its bridge."""
+
+    def words(self, command: str, *more: str) -> list[str]:
+        event = {"event": "ended", "node": "px4_bridge", "how": "exit code 1", "log": "b.log"}
+        return [sys.executable, "-c", f"print({json.dumps(event)!r})"]
+
+
+def test_a_bridge_that_ends_is_named_and_not_waited_for(tmp_path):
+    session = EndedBridge(tmp_path / "lab.yaml", Lab(tmp_path), tmp_path, no_answer, no_answer)
+    assert "exit code 1; its log: b.log" in check_axes(session).lack
+
+
+def no_answer(*words: str) -> str:
+    return ""
+
+
 def test_a_list_goes_on_where_it_failed_and_repeats_what_may_have_changed():
     passed = {step.key: {"passed": True} for step in STEPS}
     assert steps_to_do(passed, None) == []
@@ -103,9 +125,6 @@ def test_a_list_goes_on_where_it_failed_and_repeats_what_may_have_changed():
 
 
 def test_a_no_stops_the_list_and_is_written_down(tmp_path):
-    from tombo_bringup.first_flight.checks import Session
-    from tombo_bringup.lab_file import Lab
-
     person = Answers({"propellers": False})
     session = Session(tmp_path / "lab.yaml", Lab(tmp_path), tmp_path, person.ask, lambda text: 0)
     flown: list[str] = []

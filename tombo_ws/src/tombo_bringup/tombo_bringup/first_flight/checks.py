@@ -355,14 +355,19 @@ def check_axes(session: Session) -> Outcome:
     command = session.words(words[0], *words[1:], "-o", str(folder))
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        begun_s, free, text = time.monotonic(), 0, "the bridge has said nothing"
+        begun_s, heard, free, text = time.monotonic(), False, 0, "the bridge has said nothing"
         try:
             for line in process.stdout:
                 event = json.loads(line) if line.startswith("{") else {}
+                if event.get("event") == "ended" and event["node"] == "px4_bridge":
+                    text = f"the bridge has ended, {event['how']}; its log: {event['log']}"
+                    break
                 if event.get("event") != "status":
                     continue
                 values = event["nodes"]["px4_bridge"]["values"]
                 text, before = blockers_of(values), text
+                if values.get("mode") and not heard:  # nodes that compile take minutes to start
+                    begun_s, heard = time.monotonic(), True
                 if values.get("mode") and text != before:
                     session.say(f"  {text or 'nothing forbids to arm'}")
                 free = 0 if text else free + 1
