@@ -157,6 +157,9 @@ def mutations(given: _Mutations, known: VehicleName, reading: LogMapping, shown:
 class _Load:
     seconds: float = option("--seconds S", "Fly so long.", 60.0, bounds=(4.0, 3600.0))
     busy: int = option("--busy N", "Beside N processes that never sleep.", 0, bounds=(0, 64))
+    vehicles: int = option(
+        "--vehicles N", "Hover with so many vehicles side by side.", 0, bounds=(0, 9)
+    )
 
 
 def nodes(load: _Load, shown: Shown) -> None:
@@ -168,7 +171,7 @@ def nodes(load: _Load, shown: Shown) -> None:
     from tombo_benchmarks.nodes.node_timing import fly_and_measure
     from tombo_bringup.cli.tables import print_table
 
-    measured = fly_and_measure(load.seconds, load.busy)
+    measured = fly_and_measure(load.seconds, load.busy, load.vehicles)
     if shown.as_json:
         print(json.dumps(measured, indent=1))
         return

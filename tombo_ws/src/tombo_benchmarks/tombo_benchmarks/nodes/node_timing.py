@@ -22,7 +22,7 @@ from tombo_bag.recording import Recording
 from tombo_dynamics.time_base import TICK_S
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_diagnostics import node_metrics
-from tombo_flight.suite.nodes import SUITE, free_domain, udp_ports
+from tombo_flight.suite.nodes import SUITE, free_domain, groups, udp_ports
 from tombo_flight.suite.running import RunningSuite, SuiteConfig
 
 _PRIORITY: Final = 50
@@ -30,19 +30,23 @@ _PRIORITY: Final = 50
 
 
 @contextmanager
-def running_suite() -> Iterator[tuple[RunningSuite, Path]]:
+def running_suite(vehicles: int) -> Iterator[tuple[RunningSuite, Path]]:
     """Start the suite and wait until every node reports; give it with its recording."""
+    names = (
+        {name for group in groups(vehicles).values() for name in group} if vehicles else {*SUITE}
+    )
     with TemporaryDirectory(prefix="tombo-") as folder:
         bag = Path(folder) / "flight.mcap"
         config = SuiteConfig(
-            load_scenario(),
+            load_scenario(*(["hover"] if vehicles else [])),
             0,
             Path(folder) / "suite",
             {"single_file": str(bag)},
             domain=free_domain(os.getpid(), udp_ports()),
+            vehicles=vehicles,
         )
         with RunningSuite(config) as suite:
-            while not suite.node_diagnostics.nodes.keys() >= SUITE.keys():
+            while not suite.node_diagnostics.nodes.keys() >= names:
                 suite.poll(0.05)
             yield suite, bag
 
@@ -78,16 +82,17 @@ def empty_loop(seconds: float) -> dict[str, float | int]:
     return {"rate_hz": rate_hz, "jitter_p50_us": median, "jitter_p99_us": p99, "missed": 0}
 
 
-def fly_and_measure(seconds: float, busy: int) -> dict[str, Any]:
+def fly_and_measure(seconds: float, busy: int, vehicles: int = 0) -> dict[str, Any]:
     """Return the figures of `node_metrics` of a flight, and of an empty loop around it.
 
     Args:
         seconds: to fly once all nodes report [s].
         busy: further processes that never sleep.
+        vehicles: how many hover side by side; 0: one flies the paper's flight.
     """
     with busy_processes(busy):
         before = empty_loop(0.25 * seconds)
-        with running_suite() as (suite, bag):
+        with running_suite(vehicles) as (suite, bag):
             end = time.monotonic() + seconds
             while time.monotonic() < end:
                 suite.poll(0.25)

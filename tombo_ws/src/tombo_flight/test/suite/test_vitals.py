@@ -5,10 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 from rich.console import Console
 
+from tombo_bag.columnar_cdr import encode
+from tombo_bag.formats.mcap_sink import Columns, McapSink
+from tombo_bag.recording import Recording
+from tombo_bag.topics import DIAGNOSTICS
 from tombo_dynamics.messages import Phase
-from tombo_flight.suite.node_diagnostics import NodeDiagnostics, figure
+from tombo_flight.suite.node_diagnostics import NodeDiagnostics, figure, node_metrics
 from tombo_flight.suite.status_table import SuiteState, status_line, status_object, status_table
 from tombo_flight.suite.supervisor import ProcessExit
 
@@ -121,3 +126,26 @@ def test_the_line_and_the_object_say_the_same():
     assert found["nodes"]["sim"]["exit_code"] == -9
     assert found["nodes"]["sim"]["pid"] is None
     assert found["nodes"]["controller"]["loops"]["rate loop"]["rate_hz"] == 250.0
+
+
+def test_the_loops_of_several_vehicles_are_named_by_vehicle(tmp_path):
+    path = tmp_path / "a.mcap"
+    with McapSink(path) as sink:
+        for vehicle, missed in (("v2", 7), ("v1", 3)):
+            channel = sink.add_channel(f"/{vehicle}{DIAGNOSTICS.name}", DIAGNOSTICS.typename)
+            reports = [
+                ("controller: rate loop", {"rate_hz": "1000.0", "runs": "9", "missed": missed}),
+                ("sim: loop", {"rate_hz": "999.0", "runs": "9", "missed": "0"}),
+                ("sim", {"latency_gyro_to_command_p50_us": missed * 100}),
+            ]
+            content = [
+                {"name": name, "values": [{"key": k, "value": str(v)} for k, v in values.items()]}
+                for name, values in reports
+            ]
+            message = encode(DIAGNOSTICS.typename, {"status": content})
+            sink.write_columns(Columns(channel, np.arange(1), [message]))
+    with Recording(path) as recording:
+        metrics = node_metrics(recording)
+    assert list(metrics["loops"]) == ["v1/sim", "v1/rate", "v2/sim", "v2/rate"]
+    assert [metrics["loops"][f"{v}/rate"]["missed"] for v in ("v1", "v2")] == [3, 7]
+    assert metrics["latency_gyro_to_command_us"]["p50"] == 300

@@ -128,25 +128,28 @@ _MISSED_MAX = 0.01
 
 
 def recorded_diagnostics(recording: Recording) -> NodeDiagnostics:
-    """Return the last report of each node."""
+    """Return the last report of each node; of several vehicles they are called VEHICLE/NODE."""
     node_diagnostics = NodeDiagnostics()
-    there = DIAGNOSTICS.name in recording.topics
     store: Any = type_store()
-    for data in recording.messages(DIAGNOSTICS.name).messages if there else ():
-        report = store.deserialize_cdr(data, DIAGNOSTICS.typename)
-        node_diagnostics.take(map(plain_status, report.status), 0.0)
+    for topic in [name for name in recording.topics if name.endswith(DIAGNOSTICS.name)]:
+        vehicle = topic.removesuffix(DIAGNOSTICS.name).strip("/")
+        for data in recording.messages(topic).messages:
+            report = store.deserialize_cdr(data, DIAGNOSTICS.typename)
+            node_diagnostics.take(map(plain_status, report.status), 0.0, vehicle)
     return node_diagnostics
 
 
 def node_metrics(recording: Recording) -> dict[str, Any]:
     """Return the loops, the latency through all nodes and the recorder's count, for a summary.
 
-    Values not reported are None. In lockstep no loop runs by a clock, and none is returned.
+    Values not reported are None. In lockstep no loop runs by a clock, and none is returned. The
+    latency of several vehicles is that of the first.
     """
     node_diagnostics = recorded_diagnostics(recording)
     loops = dict(_loops(node_diagnostics))
     notes = recording.metadata.get(RECORDER_METADATA, {})
-    sim = node_diagnostics.nodes.get("sim", NodeStatus()).values
+    simulators = [name for name in node_diagnostics.nodes if name.rpartition("/")[2] == "sim"]
+    sim = node_diagnostics.nodes[min(simulators)].values if simulators else {}
     return {
         "loops": {
             name: {key: loop.get(key) for key in _METRIC_KEYS} for name, loop in loops.items()
@@ -200,10 +203,16 @@ def _lost_on(notes: Mapping[str, str]) -> dict[str, int]:
 
 def _loops(node_diagnostics: NodeDiagnostics) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield (name, figures): those of the controller by their own names, others by the node's."""
-    order = {node: place for place, node in enumerate(SUITE)}
-    known = sorted(node_diagnostics.nodes.items(), key=lambda item: order.get(item[0], len(order)))
-    for node, status in known:
+    order = {name: number for number, name in enumerate(SUITE)}
+
+    def place(node: str) -> tuple[str, int]:
+        vehicle, _, name = node.rpartition("/")
+        return vehicle, order.get(name, len(order))
+
+    for node in sorted(node_diagnostics.nodes, key=place):
+        status, vehicle = node_diagnostics.nodes[node], node.rpartition("/")[0]
         own = {name: loop for name, loop in status.loops.items() if name != _OWN_LOOP}
         for name, loop in (own or status.loops).items():
             if loop.get("runs") != 0:
-                yield (name.removesuffix(" loop") if own else node), loop
+                loop_name = f"{vehicle}/{name}".strip("/").removesuffix(" loop")
+                yield (loop_name if own else node), loop
