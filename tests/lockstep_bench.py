@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from core_calls import Command, Controller, Estimator, StampedEstimate
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.planning import mission as plan
+from tombo_control.planning.leg import leg_yaw
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.messages import Odometry, Phase, PositionSetpoint
 from tombo_dynamics.records import numbers
@@ -144,7 +145,7 @@ class Lockstep:
             start + way * cruise,
             speed * cruise,
             change * cruise,
-            leg.yaw_at(time_s),
+            leg_yaw(leg, time_s),
             self.mission.mode,
         )
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from core_calls import Mission
+from tombo_control.planning.leg import leg_position, leg_yaw
 from tombo_control.planning.mission import MissionParams, advance_mission, begin, compiled_plan
 from tombo_control.planning.mission_memory import MissionLimits
 from tombo_dynamics.messages import Phase
@@ -86,14 +87,14 @@ class Follower:
         while self.now < until and self.state.mode != mode:
             self.n += 1
             leg, now = self.state.leg, self.now
-            there = np.array(leg.position(now))
+            there = np.array(leg_position(leg, now))
             there[2] = max(there[2], HOME[2])
             velocity = (there - self.position) / self.step
             self.position = there
             self.state = advance_mission(
                 self.state, compiled_plan(self.plan), now, there, velocity
             )
-            self.rows.append((now, self.state.mode, there, leg.yaw_at(now), self.state.steps))
+            self.rows.append((now, self.state.mode, there, leg_yaw(leg, now), self.state.steps))
         return self
 
     def column(self, i):

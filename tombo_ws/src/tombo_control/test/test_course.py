@@ -13,7 +13,7 @@ from tombo_control.autopilot import new_autopilot
 from tombo_control.loops.position_control import follow_leg
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.course import Waypoint, leg_to, read_course, resolved_waypoints
-from tombo_control.planning.leg import store_leg, turning_leg
+from tombo_control.planning.leg import leg_position, leg_yaw, motion_end, store_leg, turning_leg
 from tombo_control.planning.mission import MissionParams, advance_mission, compiled_plan, resume
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase, ReactionPhase
@@ -68,12 +68,12 @@ def test_what_a_waypoint_leaves_out_is_as_before():
 def test_a_late_look_begins_the_next_leg_then_and_nothing_jumps():
     plan = plan_of([{"x": 1.0}, {"x": 0.0}])
     flight = Follower(plan).run(5.1)
-    late = flight.state.leg.hold_end_s + 3.0
-    here = np.array(flight.state.leg.position(late))
+    late = motion_end(flight.state.leg) + flight.state.leg.hold_s + 3.0
+    here = np.array(leg_position(flight.state.leg, late))
     state = advance_mission(flight.state, compiled_plan(plan), late, here, np.zeros(3))
     assert state.steps == 2
     assert state.leg.begin_s == late
-    assert state.leg.position(late) == pytest.approx(here)
+    assert leg_position(state.leg, late) == pytest.approx(here)
 
 
 def test_lands_in_the_middle_of_a_course_when_it_is_time():
@@ -89,10 +89,10 @@ def test_goes_on_to_the_same_waypoint_from_where_it_is():
     assert flight.state.steps == 2
     pushed = np.array([0.5, 1.0, 1.5])
     state = resume(flight.state, compiled_plan(plan), 6.5, pushed)
-    assert state.leg.position(6.5) == pytest.approx(pushed)
-    assert state.leg.yaw_at(6.5) == pytest.approx(flight.state.leg.yaw_at(6.5))
-    assert state.leg.position(60.0) == pytest.approx((2.0, -0.2, 1.2))
-    assert state.leg.yaw_at(60.0) == pytest.approx(1.0)
+    assert leg_position(state.leg, 6.5) == pytest.approx(pushed)
+    assert leg_yaw(state.leg, 6.5) == pytest.approx(leg_yaw(flight.state.leg, 6.5))
+    assert leg_position(state.leg, 60.0) == pytest.approx((2.0, -0.2, 1.2))
+    assert leg_yaw(state.leg, 60.0) == pytest.approx(1.0)
     assert state.steps == flight.state.steps
 
 
@@ -146,16 +146,16 @@ angles = st.floats(-20.0, 20.0)
 def test_a_turn_reaches_its_heading_the_short_way_within_its_rate(a, b, rate, now):
     point = (0.0, 1.0, 2.0)
     leg = turning_leg(point, point, (a, b), now, speed=1.0, acceleration=1.0, yaw_rate=rate)
-    times = np.linspace(now, leg.motion_end_s, 400)
-    yaw = np.array([leg.yaw_at(t) for t in times])
+    times = np.linspace(now, motion_end(leg), 400)
+    yaw = np.array([leg_yaw(leg, t) for t in times])
     assert yaw[0] == pytest.approx(a, abs=1e-8)
-    assert leg.yaw_at(leg.motion_end_s + 1.0) == pytest.approx(b, abs=1e-8)
+    assert leg_yaw(leg, motion_end(leg) + 1.0) == pytest.approx(b, abs=1e-8)
     steps = np.diff(yaw) * math.copysign(1.0, b - a)
     assert (steps >= -1e-9).all()
     dt = times[1] - times[0]
     assert (steps <= rate * dt + 1e-9).all()
     assert np.abs(np.diff(steps)).max() <= rate / 0.3 * dt * dt * 1.01 + 1e-9
-    assert leg.position(now + 5.0) == point
+    assert leg_position(leg, now + 5.0) == point
 
 
 @pytest.mark.parametrize("now", [0.0, 0.4, 1.7, 3.0, 90.0])
@@ -168,8 +168,8 @@ def test_the_autopilot_s_memory_says_the_same_as_the_leg(now):
     a = new_autopilot(ControlParams(), EstimatorParams(), VehicleParams(), HOME, level)
     store_leg(a.leg, leg)
     follow_leg(a.leg, a.setpoint, now)
-    assert a.setpoint.position == pytest.approx(leg.position(now))
-    assert a.setpoint.yaw == pytest.approx(leg.yaw_at(now))
+    assert a.setpoint.position == pytest.approx(leg_position(leg, now))
+    assert a.setpoint.yaw == pytest.approx(leg_yaw(leg, now))
 
 
 def test_a_course_that_was_held_up_goes_on_where_it_stopped():

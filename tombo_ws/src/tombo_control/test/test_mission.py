@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mission_bench import HOME, Follower
 
+from tombo_control.planning.leg import leg_position
 from tombo_control.planning.mission import (
     MissionParams,
     advance_mission,
@@ -35,7 +36,7 @@ def collided():
 def test_goes_on_only_when_the_climb_has_come_to_rest():
     flight = Follower(PLAN).run(PLAN.takeoff_time + 1.0)
     late = flight.state.leg.end_s + 1.0
-    top = np.array(flight.state.leg.position(late))
+    top = np.array(leg_position(flight.state.leg, late))
     low, fast = top - [0.0, 0.0, 0.1], np.array([0.0, 0.0, 0.2])
     assert advanced(flight.state, late, low).mode == Phase.TAKEOFF
     assert advanced(flight.state, late, top, fast).mode == Phase.TAKEOFF
@@ -84,12 +85,16 @@ def test_landed_means_held_up_by_the_floor(lag, speed, height):
     flight = collided().run(60.0, Phase.LAND)
     state = flight.state
     now = next(
-        t for t in itertools.count(flight.now, 0.001) if state.leg.position(t)[2] <= height - lag
+        t
+        for t in itertools.count(flight.now, 0.001)
+        if leg_position(state.leg, t)[2] <= height - lag
     )
-    at = np.array([*state.leg.position(now)[:2], height])
+    at = np.array([*leg_position(state.leg, now)[:2], height])
     assert advanced(state, now, at, np.array([0.0, 0.0, -speed])).mode == Phase.LAND
     on_the_floor = np.array([at[0], at[1], 0.18])
-    low = next(t for t in itertools.count(flight.now, 0.001) if state.leg.position(t)[2] <= -0.12)
+    low = next(
+        t for t in itertools.count(flight.now, 0.001) if leg_position(state.leg, t)[2] <= -0.12
+    )
     landed = advanced(state, low, on_the_floor)
     assert landed.mode == Phase.LANDED
     assert advanced(landed, low + 10.0, on_the_floor).mode == Phase.LANDED

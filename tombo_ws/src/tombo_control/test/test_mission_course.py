@@ -11,6 +11,7 @@ from mission_bench import HOME, MS, PLAN, START, World
 
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.planning.course import read_course
+from tombo_control.planning.leg import leg_position, leg_yaw
 from tombo_control.planning.mission import advance_mission, begin, compiled_plan
 from tombo_control.planning.mission_memory import MissionLimits, WaitReason
 from tombo_dynamics.messages import Phase, ReactionPhase, is_finite
@@ -53,8 +54,8 @@ def test_is_the_plan_of_the_headless_flight(plan):
         state = advance_mission(state, compiled_plan(plan), now, here, velocity)
         setpoint = world.setpoints[-1]
         assert setpoint.phase == state.mode
-        assert setpoint.position == pytest.approx(state.leg.position(now), abs=1e-9)
-        assert setpoint.yaw == pytest.approx(state.leg.yaw_at(now), abs=1e-9)
+        assert setpoint.position == pytest.approx(leg_position(state.leg, now), abs=1e-9)
+        assert setpoint.yaw == pytest.approx(leg_yaw(state.leg, now), abs=1e-9)
     assert state.mode == Phase.LANDED
 
 

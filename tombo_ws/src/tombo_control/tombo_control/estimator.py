@@ -17,7 +17,18 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import rotate_by_vector, rotated, rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_NS, TICK_S
-from tombo_dynamics.vectors import ZERO, AnyVector, add_scaled, scale, store, subtract, vector
+from tombo_dynamics.vectors import (
+    ZERO,
+    AnyVector,
+    add,
+    add_scaled,
+    all_finite,
+    clamp,
+    scale,
+    store,
+    subtract,
+    vector,
+)
 from tombo_dynamics.vehicle import GRAVITY
 
 
@@ -60,27 +71,17 @@ def predict(state: EstimatedState, force: Array, airborne: bool) -> None:
         force: (3) specific force [m/s^2], body frame.
         airborne: False holds the velocity at zero, as on the ground.
     """
-    position, velocity, bias, rates = (
-        state.position,
-        state.velocity,
-        state.accel_bias,
-        state.rates,
-    )
     if airborne:
-        ax, ay, az = rotated(state.attitude, subtract(force, bias))
-        az -= GRAVITY
-        if not math.isfinite(ax + ay + az):
-            ax = ay = az = 0.0
-        half = 0.5 * TICK_S * TICK_S
-        position[0] += TICK_S * velocity[0] + half * ax
-        position[1] += TICK_S * velocity[1] + half * ay
-        position[2] += TICK_S * velocity[2] + half * az
-        velocity[0] += TICK_S * ax
-        velocity[1] += TICK_S * ay
-        velocity[2] += TICK_S * az
+        turned = rotated(state.attitude, subtract(force, state.accel_bias))
+        acceleration = subtract(turned, (0.0, 0.0, GRAVITY))
+        if not all_finite(acceleration):
+            acceleration = ZERO
+        way = add_scaled(scale(TICK_S, state.velocity), 0.5 * TICK_S * TICK_S, acceleration)
+        state.position = add(state.position, way)
+        state.velocity = add_scaled(state.velocity, TICK_S, acceleration)
     else:
         state.velocity = ZERO
-    rotate_by_vector(state.attitude, scale(TICK_S, rates))
+    rotate_by_vector(state.attitude, scale(TICK_S, state.rates))
 
 
 @compiled
@@ -139,12 +140,8 @@ def correct(
     past = history[captured % HISTORY_TICKS]
     if captured < 0 or captured > now or past.tick != captured:
         return False
-    for i in range(3):
-        if not math.isfinite(position[i]):
-            return False
-    for i in range(4):
-        if not math.isfinite(attitude[i]):
-            return False
+    if not (all_finite(position) and all_finite(attitude) and math.isfinite(attitude[3])):
+        return False
     step = correction_step(period)
     gain_p, gain_v, gain_b = observer_gains(observer.position_bandwidth, step)
     if not airborne:
@@ -152,31 +149,19 @@ def correct(
         gain_b = 0.0
     gain_q, gain_g = attitude_gains(observer.attitude_bandwidth, step)
 
-    ex = position[0] - past.position[0]
-    ey = position[1] - past.position[1]
-    ez = position[2] - past.position[2]
-    bx, by, bz = rotated_back(state.attitude, (ex, ey, ez))
-    rx, ry, rz = rotation_vector(attitude, past.attitude)
-
-    state.velocity[0] += gain_v * ex
-    state.velocity[1] += gain_v * ey
-    state.velocity[2] += gain_v * ez
-    bias, limit = state.accel_bias, observer.accel_bias_max
-    bias[0] = min(max(bias[0] - gain_b * bx, -limit), limit)
-    bias[1] = min(max(bias[1] - gain_b * by, -limit), limit)
-    bias[2] = min(max(bias[2] - gain_b * bz, -limit), limit)
-    drift, cap = state.gyro_bias, observer.gyro_bias_max
-    drift[0] = min(max(drift[0] - gain_g * rx, -cap), cap)
-    drift[1] = min(max(drift[1] - gain_g * ry, -cap), cap)
-    drift[2] = min(max(drift[2] - gain_g * rz, -cap), cap)
+    error = subtract(position, past.position)
+    turn = rotation_vector(attitude, past.attitude)
+    bias = add_scaled(state.accel_bias, -gain_b, rotated_back(state.attitude, error))
+    state.velocity = add_scaled(state.velocity, gain_v, error)
+    state.accel_bias = clamp(bias, observer.accel_bias_max)
+    drift = add_scaled(state.gyro_bias, -gain_g, turn)
+    state.gyro_bias = clamp(drift, observer.gyro_bias_max)
     # later samples are held against the history, so it has to know of this correction
     for tick in range(captured, now + 1):
         past = history[tick % HISTORY_TICKS]
         share = gain_p + gain_v * (tick - captured) * TICK_S
-        past.position[0] += share * ex
-        past.position[1] += share * ey
-        past.position[2] += share * ez
-        rotate_by_vector(past.attitude, (gain_q * rx, gain_q * ry, gain_q * rz))
+        past.position = add_scaled(past.position, share, error)
+        rotate_by_vector(past.attitude, scale(gain_q, turn))
     present = history[now % HISTORY_TICKS]
     state.position = present.position
     state.attitude = present.attitude
@@ -229,12 +214,11 @@ def integrate_force(state: EstimatedState, accel: Array, ticks: int) -> bool:
         accel: (3) specific force [m/s^2], body.
         ticks: since the last sample.
     """
-    ax, ay, az = rotated(state.attitude, subtract(accel, state.accel_bias))
-    if not math.isfinite(ax + ay + az):
+    force = rotated(state.attitude, subtract(accel, state.accel_bias))
+    if not all_finite(force):
         return False
-    state.velocity[0] += ticks * TICK_S * ax
-    state.velocity[1] += ticks * TICK_S * ay
-    state.velocity[2] += ticks * TICK_S * (az - GRAVITY)
+    acceleration = subtract(force, (0.0, 0.0, GRAVITY))
+    state.velocity = add_scaled(state.velocity, ticks * TICK_S, acceleration)
     return True
 
 

@@ -6,7 +6,6 @@ doubled, or wrong, and the estimate begins in flight if it has to.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -45,7 +44,7 @@ from tombo_dynamics.input_check import MAX_POSE_AGE_NS, PoseRefusal, check_pose
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import EstimatorStatus, Imu, MissionStatus, Odometry, Phase, Pose
 from tombo_dynamics.records import Record, field, fill_record
-from tombo_dynamics.rotation import rotated_back, rotation_vector
+from tombo_dynamics.rotation import normalize_quaternion, rotated_back, rotation_vector
 from tombo_dynamics.time_base import TICK_NS, TICK_S
 from tombo_dynamics.vectors import AnyVector, add_scaled, dot, norm, store, subtract, vector
 from tombo_dynamics.vehicle import VehicleParams
@@ -129,13 +128,8 @@ def take_pose(
         why = PoseRefusal.OUT_OF_ORDER
     if why == PoseRefusal.NONE:
         memory.newest_pose_ns = stamp_ns
-        square = 0.0
-        for i in range(4):
-            square += attitude[i] * attitude[i]
-        factor = 1.0 / math.sqrt(square)
-        rotation = np.empty(4)
-        for i in range(4):
-            rotation[i] = factor * attitude[i]
+        rotation = attitude.copy()
+        normalize_quaternion(rotation)
         if not memory.running:
             why = _initialize(memory, autopilot, stamp_ns, position, rotation)
         else:
@@ -243,36 +237,6 @@ def _check_jump(
 
 
 @compiled
-def _squared_innovation(autopilot: Autopilot, pose: PoseAtTick) -> tuple[float, float]:
-    """Return how far a pose is off its prediction: mean squares of the axes [m^2], [rad^2]."""
-    past = autopilot.history[pose.tick % HISTORY_TICKS]
-    turn = rotation_vector(pose.attitude, past.attitude)
-    off = norm(subtract(past.position, pose.position))
-    return off * off / 3.0, dot(turn, turn) / 3.0
-
-
-@compiled
-def _note_innovation(
-    memory: EstimatorMemory,
-    autopilot: Autopilot,
-    period: float,
-    place_square: float,
-    turn_square: float,
-) -> None:
-    """Enter a pose that was used into what is known of the estimate's errors."""
-    observer, step = autopilot.observer, correction_step(period)
-    take_innovation(
-        memory.uncertainty,
-        observer_gains(observer.position_bandwidth, step),
-        attitude_gains(observer.attitude_bandwidth, step),
-        step,
-        memory.airborne,
-        place_square,
-        turn_square,
-    )
-
-
-@compiled
 def take_imu(memory: EstimatorMemory, autopilot: Autopilot, imu: Imu, now_ns: int) -> None:
     """Take an IMU sample; one that is not newer than the last is left out.
 
@@ -311,14 +275,18 @@ def _estimate(memory: EstimatorMemory, autopilot: Autopilot, imu: Imu) -> bool:
     store(memory.gyro, imu.gyro)
     store(memory.accel, imu.accel)
     while memory.pending > 0 and memory.pending_poses[0].tick <= tick:
-        pose = memory.pending_poses[0]
+        pose, airborne = memory.pending_poses[0], memory.airborne
         captured = pose.tick
         period = captured * TICK_S - autopilot.mocap_time
-        place_square, turn_square = _squared_innovation(autopilot, pose)
-        if correct(
-            autopilot, pose.position, pose.attitude, captured, tick, period, memory.airborne
-        ):
-            _note_innovation(memory, autopilot, period, place_square, turn_square)
+        past = autopilot.history[captured % HISTORY_TICKS]
+        turn = rotation_vector(pose.attitude, past.attitude)
+        off = norm(subtract(past.position, pose.position))
+        if correct(autopilot, pose.position, pose.attitude, captured, tick, period, airborne):
+            observer, step = autopilot.observer, correction_step(period)
+            place_gains = observer_gains(observer.position_bandwidth, step)
+            turn_gains = attitude_gains(observer.attitude_bandwidth, step)
+            squares = off * off / 3.0, dot(turn, turn) / 3.0
+            take_innovation(memory.uncertainty, place_gains, turn_gains, step, airborne, *squares)
             autopilot.mocap_time = max(autopilot.mocap_time, captured * TICK_S)
             memory.pose_stamp_ns = captured * TICK_NS
             memory.poses += 1

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tombo_control.planning.course import leg_to, resolved_waypoints
+from tombo_control.planning.leg import motion_end
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.yaml_text import parse_yaml
@@ -51,7 +52,8 @@ def ends(scenario, begun):
     for target in resolved_waypoints(
         scenario.mission.course, here, scenario.mission.approach_speed
     ):
-        now = leg_to(target, here, yaw, now).hold_end_s
+        leg = leg_to(target, here, yaw, now)
+        now = motion_end(leg) + leg.hold_s
         here, yaw = target[:3], target.yaw
         yield now, target
 

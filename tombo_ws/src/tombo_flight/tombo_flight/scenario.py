@@ -21,7 +21,7 @@ from tombo_collision.reactions.none import NoReaction
 from tombo_collision.reactions.policy import Policy
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.course import leg_to, resolved_waypoints
-from tombo_control.planning.leg import Point, straight_leg
+from tombo_control.planning.leg import Point, motion_end, straight_leg
 from tombo_control.planning.mission import MissionParams
 from tombo_control.recovery.params import ContactParams, RecoveryParams
 from tombo_control.safety.flight_volume import check_volume, outside_volume
@@ -458,7 +458,7 @@ def check_course(mission: MissionParams, control: ControlParams, volume: FlightV
         vx, vy, vz = leg.velocity
         _check_speed(i, "across", math.hypot(vx, vy), "velocity_max_xy", control.velocity_max_xy)
         _check_speed(i, "up or down", abs(vz), "velocity_max_z", control.velocity_max_z)
-        end_s, here, yaw = leg.hold_end_s, target[:3], target.yaw
+        end_s, here, yaw = motion_end(leg) + leg.hold_s, target[:3], target.yaw
         off = outside_volume(np.array(here), limits)
         if off > 0.0:
             raise InputError(

@@ -249,7 +249,7 @@ def tables(page: str = "nodes.md") -> dict[str, str]:
 
 def safety_tables() -> dict[str, str]:
     """Return the tables of docs/safety.md and docs/faults.md by the names of their markers."""
-    states = [(f"`{state.name.lower()}`", state.command) for state in SafetyState]
+    states = [(f"`{state.name.lower()}`", state.text) for state in SafetyState]
     transitions = [
         (
             f"`{row.state.name.lower()}`",

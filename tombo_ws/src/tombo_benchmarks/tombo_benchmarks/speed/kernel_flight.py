@@ -11,7 +11,7 @@ import numpy as np
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.autopilot import Autopilot, new_autopilot
 from tombo_control.loops.cascade import cascade
-from tombo_control.planning.leg import Leg, hold_leg, store_leg, straight_leg
+from tombo_control.planning.leg import Leg, hold_leg, leg_position, store_leg, straight_leg
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import SimulatedPlant, new_plant, pack_theta
 from tombo_dynamics.jit import compiled
@@ -132,7 +132,7 @@ def stretches(flight: KernelFlight, contact_s: float) -> list[Stretch]:
     up = straight_leg((x, y, z), top, mission.climb_speed, mission.takeoff_time)
     ahead = straight_leg(top, goal, mission.approach_speed, mission.approach_time)
     switch = min(contact_s + _REACTION_S, _LENGTH_S)
-    x_c, y_c, z_c = ahead.position(min(contact_s, _LENGTH_S))
+    x_c, y_c, z_c = leg_position(ahead, min(contact_s, _LENGTH_S))
     back = hold_leg((x_c - reaction.distance, y_c, z_c), switch)
     times = [0.0, up.end_s, mission.approach_time, switch, _LENGTH_S]
     ticks = [round(time / TICK_S) for time in times]

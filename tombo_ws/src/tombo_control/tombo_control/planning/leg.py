@@ -41,24 +41,6 @@ class Leg(NamedTuple):
     acceleration: Point = (0.0, 0.0, 0.0)
     """Of a leg without ramps; it is fed forward, the way does not have it."""
 
-    def position(self, time_s: float) -> Point:
-        """Return the reference position at `time_s`."""
-        return leg_position(self, time_s)
-
-    def yaw_at(self, time_s: float) -> float:
-        """Return the reference yaw at `time_s`."""
-        return leg_yaw(self, time_s)
-
-    @property
-    def motion_end_s(self) -> float:
-        """When way and turn are over."""
-        return motion_end(self)
-
-    @property
-    def hold_end_s(self) -> float:
-        """When the hold after them is over, too."""
-        return self.motion_end_s + self.hold_s
-
 
 class LegRecord(Record):
     """A `Leg` in memory."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from tombo_control.params import ControlParams
 from tombo_dynamics.params import param
@@ -52,6 +53,12 @@ class ContactParams:
     )
 
 
+def _other(name: str, default: float, source: str, doc: str = "") -> Any:
+    """Declare a gain of `ControlParams` with another default: unit and bounds are the same."""
+    meta = ControlParams.__dataclass_fields__[name].metadata
+    return param(default, meta["unit"], meta["bounds"], doc or meta["doc"], source)
+
+
 @dataclass(frozen=True)
 class RecoveryParams(ControlParams):
     """The cascade's gains while it recovers; margins in docs/reactions.md.
@@ -59,85 +66,47 @@ class RecoveryParams(ControlParams):
     The integrals stay as they are: their values belong to straight blades.
     """
 
-    position_p: float = param(
+    position_p: float = _other(
+        "position_p",
         2.5,
-        "1/s",
-        (0.05, 5.0),
-        "velocity asked for per position error, within 0.16 m; `brake` decides further away",
         "below the velocity loop's 4 rad/s; a slower one takes the last decimetre in 0.7 s more",
+        "velocity asked for per position error, within 0.16 m; `brake` decides further away",
     )
-    brake: float = param(
+    brake: float = _other(
+        "brake",
         1.0,
-        "m/s^2",
-        (0.2, 100.0),
-        "the velocity asked for can be stopped with this deceleration before the set point",
         "a tilt of 0.1 rad: calm by the paper's measure, 0.17 rad; with 1.5 it is not",
     )
-    velocity_p: float = param(
-        4.0,
-        "1/s",
-        (0.1, 15.0),
-        "acceleration asked for per velocity error",
-        "crossover 4 rad/s, two fifths of the attitude loop's",
+    velocity_p: float = _other(
+        "velocity_p", 4.0, "crossover 4 rad/s, two fifths of the attitude loop's"
     )
-    velocity_i: float = param(
-        0.0, "1/s^2", (0.0, 5.0), "acceleration per integrated velocity error", "held as it is"
-    )
-    velocity_d: float = param(
-        0.0, "1", (0.0, 1.0), "acceleration taken back per measured acceleration", "not needed"
-    )
-    velocity_max_xy: float = param(
+    velocity_i: float = _other("velocity_i", 0.0, "held as it is")
+    velocity_d: float = _other("velocity_d", 0.0, "not needed")
+    velocity_max_xy: float = _other(
+        "velocity_max_xy",
         1.05,
-        "m/s",
-        (0.1, 15.0),
-        "horizontal velocity limit",
         "the fastest that `brake` can stop within 0.6 m; a higher one is tilt for nothing",
     )
-    tilt_max: float = param(
+    tilt_max: float = _other(
+        "tilt_max",
         0.7,
-        "rad",
-        (0.05, 1.4),
-        "limit of commanded tilt; the thrust that is left limits it as well",
         "after a fast strike the vehicle still flies ahead",
+        "limit of commanded tilt; the thrust that is left limits it as well",
     )
-    attitude_p: float = param(
-        8.0,
-        "1/s",
-        (0.5, 20.0),
-        "body rate asked for per attitude error, roll and pitch",
-        "a third of the rate loop's; with 10 motors of 49 ms swing",
+    attitude_p: float = _other(
+        "attitude_p", 8.0, "a third of the rate loop's; with 10 motors of 49 ms swing"
     )
-    rate_p: float = param(
+    rate_p: float = _other(
+        "rate_p",
         30.0,
-        "1/s",
-        (1.0, 80.0),
-        "angular acceleration per rate error, roll and pitch",
         "crossover 23 rad/s, at which the motor's 35 ms cost 39 deg: no lead is needed",
     )
-    rate_i: float = param(
-        0.0,
-        "1/s^2",
-        (0.0, 400.0),
-        "angular acceleration per integrated rate error",
-        "held as it is",
-    )
-    rate_d: float = param(
-        0.0, "1", (0.0, 2.0), "angular acceleration taken back per measured one", "see rate_p"
-    )
-    yaw_rate_p: float = param(
+    rate_i: float = _other("rate_i", 0.0, "held as it is")
+    rate_d: float = _other("rate_d", 0.0, "see rate_p")
+    yaw_rate_p: float = _other(
+        "yaw_rate_p",
         12.0,
-        "1/s",
-        (0.5, 40.0),
-        "angular acceleration per yaw rate error",
         "the strike's 7 rad/s ask for all the torque there is until 2 rad/s are left",
     )
-    rate_max: float = param(
-        6.0, "rad/s", (0.5, 20.0), "roll and pitch rate limit", "0.6 rad of attitude error"
-    )
-    yaw_rate_i: float = param(
-        0.0,
-        "1/s^2",
-        (0.0, 100.0),
-        "angular acceleration per integrated yaw rate error",
-        "held as it is",
-    )
+    rate_max: float = _other("rate_max", 6.0, "0.6 rad of attitude error")
+    yaw_rate_i: float = _other("yaw_rate_i", 0.0, "held as it is")

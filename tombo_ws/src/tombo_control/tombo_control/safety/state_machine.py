@@ -7,25 +7,16 @@ printed from it.
 
 from __future__ import annotations
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
 from tombo_dynamics.jit import compiled
+from tombo_dynamics.messages import Reason
 
 
-class SafetyState(IntEnum):
-    """Commands of the controller."""
-
-    command: str
-
-    def __new__(cls, value: int, command: str = "") -> SafetyState:
-        """Make a member of its number and its command."""
-        member = int.__new__(cls, value)
-        member._value_ = value
-        member.command = command
-        return member
+class SafetyState(Reason):
+    """States of the controller, each with the text of its command."""
 
     OFF = 0, "rotors off; a take-off is obeyed"
     FLY = 1, "the set points, inside the flight volume"
@@ -40,50 +31,35 @@ ROTORS_OFF = (SafetyState.OFF, SafetyState.LATCHED, SafetyState.STANDBY)
 """States in which no rotor is commanded to turn."""
 
 
-class Condition(IntEnum):
+class Condition(Reason):
     """What leads to another state."""
-
-    text: str
-
-    def __new__(cls, value: int, text: str = "") -> Condition:
-        """Make a member of its number and its text."""
-        member = int.__new__(cls, value)
-        member._value_ = value
-        member.text = text
-        return member
 
     KILL = 0, "`~/kill`"
     ABORT = 1, "`~/abort`"
     NEW_FLIGHT = 2, "simulated clock set back: another flight"
     TAKEOFF = (
         3,
-        (
-            "phase `takeoff` after phase `idle` (or, of a controller that has just started, after "
-            "1.5 s at rest); position known, vehicle at rest, level, where it was last known "
-            "(`takeoff_distance`), set point within 0.6 m"
-        ),
+        "phase `takeoff` after phase `idle` (or, of a controller that has just started, after "
+        "1.5 s at rest); position known, vehicle at rest, level, where it was last known "
+        "(`takeoff_distance`), set point within 0.6 m",
     )
     TAKEOFF_REFUSED = 4, "phase `takeoff` after phase `idle`, but for 1 s one of these is not so"
     IN_FLIGHT = 5, "set points of a flight that the controller has not seen begin"
     COMMANDED = 6, "phase `idle` or `takeoff`, and an operator has asked for it since"
     DOWN = (
         7,
-        (
-            "phase `idle` or `landed`, less than 0.15 m above the place of take-off; where that "
-            "is not known, at rest for 1.5 s"
-        ),
+        "phase `idle` or `landed`, less than 0.15 m above the place of take-off; where that "
+        "is not known, at rest for 1.5 s",
     )
     DOWN_ABOVE = 8, "phase `idle` or `landed`, but higher"
     POSITION_LOST = (
         9,
-        (
-            "estimate older than `inputs.odometry_timeout`, pose behind it older than "
-            "`control.blind_timeout`, or gyro silent for 0.1 s"
-        ),
+        "estimate older than `inputs.odometry_timeout`, pose behind it older than "
+        "`control.blind_timeout`, or gyro silent for 0.1 s",
     )
     POSITION_BACK = (
         10,
-        ("position known for 0.3 s, within `return_time`, above 0.4 m, near where it was lost"),
+        "position known for 0.3 s, within `return_time`, above 0.4 m, near where it was lost",
     )
     POSITION_LATE = 11, "position known for 0.3 s, but too late, too low or elsewhere"
     SETPOINT_SILENT = 12, "no set point for `inputs.setpoint_timeout`"
@@ -93,19 +69,15 @@ class Condition(IntEnum):
     LAND_STUCK = 16, "phase `land`, but for 3 s it has not sunk"
     TOUCHDOWN = (
         17,
-        (
-            "the accelerometer shows more than the rotors give by `touchdown_push` of the weight, "
-            "and gravity in all, at rest and level, for `touchdown_time`"
-        ),
+        "the accelerometer shows more than the rotors give by `touchdown_push` of the weight, "
+        "and gravity in all, at rest and level, for `touchdown_time`",
     )
     OVERTURNED = 18, "tilted by more than 1 rad, at rest, for 1 s"
     TIME_OVER = 19, "`blind_time` after a descent at half its speed would have ended"
     REPLACED = (
         20,
-        (
-            "the gyro was silent for 0.1 s, and 1 s later the position is not known: a touchdown "
-            "may have been missed, the flight controller behind it may have landed"
-        ),
+        "the gyro was silent for 0.1 s, and 1 s later the position is not known: a touchdown "
+        "may have been missed, the flight controller behind it may have landed",
     )
 
 
