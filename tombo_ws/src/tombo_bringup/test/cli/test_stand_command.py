@@ -110,7 +110,7 @@ def test_runs_that_differ_are_told_and_extend_no_model(run, tmp_path):
     paths = [table(tmp_path / f"{n}.csv", g, (13,), n) for n, g in enumerate((1.0, 1.1))]
     result = run(*paths, "-o", tmp_path / "out")
     assert result.code == 0, result.out
-    assert "It is run scatter" in result.out and "differ by" in result.out
+    assert "The cause is run scatter" in result.out and "differ by" in result.out
     assert not (tmp_path / "out/stand_model.yaml").exists()
     page = (tmp_path / "out/report.html").read_text()
     assert "differ by" in page and "stand_model.yaml: the verdict" not in page
@@ -122,5 +122,5 @@ def test_a_model_that_does_not_apply_is_the_headline(run, tmp_path):
     path = table(tmp_path / "a.csv")
     result = run(path, "--model", model, "-o", tmp_path / "out")
     assert result.out.startswith("The model’s thrust tare 0.147 N is not in these runs (")
-    assert "It is thrust tare" not in result.out
+    assert "The cause is thrust tare" not in result.out
     assert not (tmp_path / "out/stand_model.yaml").exists()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from tombo_diagnosis.diagnosis import Diagnosis, diagnosis_mapping
+from tombo_diagnosis.report import words
 from tombo_diagnosis.report.files import REPORT_FILES, write_report
 from tombo_diagnosis.report.page import (
     bar_length,
@@ -20,7 +21,6 @@ from tombo_diagnosis.report.page import (
     sentences,
 )
 from tombo_diagnosis.report.stand_figures import draw_residuals, draw_stiffness, has_stiffness
-from tombo_diagnosis.report.words import STYLES, badge, causes_title
 from tombo_diagnosis.stand.model_file import (
     differences_from_model,
     extends_model,
@@ -70,13 +70,7 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "set" and len(diagnosis.set) > _MOST_NAMED:
         count = len(diagnosis.set)
         return f"One of {count} causes, {causes[0]} likeliest: these runs can’t tell"
-    return {
-        "none": "The model agrees with these runs",
-        "unknown": "Something is wrong that no known effect explains",
-        "named": f"It is {listed(causes, 'and')}",
-        "set": f"It is {listed(diagnosis.set, 'or')}: these runs can’t tell",
-        "partly_explained": f"Part of it is {listed(causes, 'and')}; something else is left",
-    }[diagnosis.verdict]
+    return words.headline(diagnosis, "these runs", "The model")
 
 
 def stand_mapping(stand: StandDiagnosis) -> dict[str, Any]:
@@ -105,8 +99,8 @@ def stand_page(stand: StandDiagnosis) -> Page:
     return Page(
         title=f"Thrust stand: {title}",
         eyebrow="Tombo thrust stand",
-        verdict=badge(diagnosis),
-        verdict_style=STYLES[diagnosis.verdict],
+        verdict=words.badge(diagnosis),
+        verdict_style=words.STYLES[diagnosis.verdict],
         headline=title,
         summary=diagnosis.summary,
         cards=_cards(stand),
@@ -114,7 +108,7 @@ def stand_page(stand: StandDiagnosis) -> Page:
             Section("What would settle it", _settling(diagnosis)),
             Section("The gap", [*pictures, _residual_table(stand)]),
             Section("k_T and what limits it", _constant(stand)),
-            Section(causes_title(diagnosis.verdict), cause_items(diagnosis)),
+            Section(words.causes_title(diagnosis.verdict), cause_items(diagnosis)),
             Section("On points that neither named nor fitted it", gain_items(diagnosis.gain)),
             Section("All candidates", candidate_items(diagnosis.candidates), "page"),
             Section("What can’t be certified", sentences(diagnosis.notes)),

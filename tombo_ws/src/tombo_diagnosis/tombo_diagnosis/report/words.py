@@ -127,21 +127,23 @@ def badge(diagnosis: Diagnosis) -> str:
     return f"{LABELS[diagnosis.verdict]} · {certainty(diagnosis.confidence)}"
 
 
-def headline(diagnosis: Diagnosis) -> str:
-    """Return the verdict as one sentence in large words."""
+def headline(
+    diagnosis: Diagnosis, data: str = "these flights", model: str = "The simulation"
+) -> str:
+    """Return the verdict as one sentence in large words: `data` were compared with `model`."""
     causes = [cause.effect for cause in diagnosis.causes]
     if diagnosis.verdict == "named" and causes:
         several = "The causes are" if len(causes) > 1 else "The cause is"
         return f"{several} {listed(causes, 'and')}"
     if diagnosis.verdict == "set" and diagnosis.set:
-        return f"It is {listed(diagnosis.set, 'or')}: these flights can’t tell"
+        return f"It is {listed(diagnosis.set, 'or')}: {data} can’t tell"
     if diagnosis.verdict == "partly_explained" and causes:
         are = "are" if len(causes) > 1 else "is"
         return f"{capital(listed(causes, 'and'))} {are} part of it; something else is left"
     if diagnosis.verdict == "unknown":
         return "Something is wrong that no known effect explains"
     if diagnosis.verdict == "none":
-        return "The simulation agrees with these flights"
+        return f"{model} agrees with {data}"
     return LABELS[diagnosis.verdict]
 
 
