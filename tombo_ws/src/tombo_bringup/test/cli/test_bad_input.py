@@ -110,7 +110,7 @@ REFUSED = [
     ("fly hover --px4 nowhere:// --yes", "'nowhere://' is no URL of a link"),
     ("fly hover --px4 udpin://192.168.1.20:14540 --yes", "not to this machine"),
     ("fly hover --px4 udpin://127.0.0.1:14540", "accepted: with --yes, or on a terminal"),
-    ("fly hover --px4 --bridge px4.setpont=rates", "did you mean 'setpoint'"),
+    ("fly hover --px4 --bridge px4.stream_rat=50", "did you mean 'stream_rate'"),
     ("fly hover --px4 --bridge px4.stream_rate=0", "px4.stream_rate: 0 is out of bounds"),
     ("fly hover --px4 --bridge pix4.setpoint=rates", "unknown section of --bridge"),
     ("fly hover --px4 --bridge link.url=a", "accepted: the URL behind --px4"),
