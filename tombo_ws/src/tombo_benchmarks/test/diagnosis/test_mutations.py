@@ -40,7 +40,7 @@ def test_one_way_is_asked_alone(monkeypatch, only, asked):
     for way in mutations.WAYS:
         monkeypatch.setitem(mutations.WAYS, way, lambda *_, way=way: ways.append(way))
     monkeypatch.setattr(mutations, "MUTATIONS", ())
-    monkeypatch.setattr(mutations, "_said", lambda *_: set())
+    monkeypatch.setattr(mutations, "_answers_about", lambda *_: set())
     ask_all(log, Reference(None, [log]), only)
     assert ways == asked
     with pytest.raises(InputError, match=r"--way 'vehicle'; accepted: plain or healthy"):

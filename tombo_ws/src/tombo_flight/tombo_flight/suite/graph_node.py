@@ -22,6 +22,7 @@ from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.suite.parameter_yaml import parameter_yaml
@@ -160,7 +161,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.write(f"{text.rstrip()}\n")
         sys.stdout.flush()
 
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Python's own end the waiting
     node = Node(_NAME, start_parameter_services=False)
     try:
         end_s = time.monotonic() + _PATIENCE_S

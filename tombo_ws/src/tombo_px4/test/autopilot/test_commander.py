@@ -85,7 +85,6 @@ class Desk:
         (modes.OFFBOARD, LOST, "No valid position estimate"),
         (modes.OFFBOARD, {**LOST, "kind": ControlLevel.VELOCITY}, "No valid position estimate"),
         (modes.OFFBOARD, {**LOST, "kind": ControlLevel.ATTITUDE}, ""),
-        (modes.OFFBOARD, {**LOST, "kind": ControlLevel.RATES}, ""),
         (modes.AUTO_HOLD, {"battery": FULL._replace(warning=2)}, "Critical battery"),
         (modes.AUTO_HOLD, {"battery": FULL._replace(warning=1)}, ""),
     ],
