@@ -73,10 +73,12 @@ def _cause_text(cause: Cause) -> str:
 def notes(findings: FlightAnalysis) -> list[str]:
     """Return the limits of the diagnosis, and why."""
     problem = findings.problem
+    logs = len({id(track.log) for track in problem.tracks})
     lines = []
     if len(problem.tracks) < 3:
+        parts = f", in {len(problem.tracks)} parts" if logs < len(problem.tracks) else ""
         lines.append(
-            f"{counted(len(problem.tracks), 'flight')}: held-out figures come from blocks or "
+            f"{counted(logs, 'flight')}{parts}: held-out figures come from blocks or "
             "single flights, and have no interval; three flights or more certify."
         )
     if problem.nominal.calibrated:
@@ -102,5 +104,8 @@ def notes(findings: FlightAnalysis) -> list[str]:
     if findings.problem.vehicles > 1 and len(problem.tracks) > 1:
         lines.append(
             "The rotors differ from flight to flight: other propellers, or other vehicles."
+            if logs > 1
+            else "The rotors differ from part to part of the flight: the supply, a load or a "
+            "propeller may have changed."
         )
     return lines

@@ -1,0 +1,32 @@
+"""The limits that a diagnosis of flights states."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from tombo_diagnosis.flight.summary_text import notes
+
+LOG, OTHER = SimpleNamespace(name="one"), SimpleNamespace(name="two")
+
+
+def notes_of(logs, vehicles=1):
+    """Return the notes for tracks of these logs; a log given twice is one flight in two parts."""
+    nominal = SimpleNamespace(calibrated=False, moments=True)
+    tracks = [SimpleNamespace(log=log, formulation="imu") for log in logs]
+    problem = SimpleNamespace(tracks=tracks, nominal=nominal, vehicles=vehicles)
+    return notes(SimpleNamespace(problem=problem))
+
+
+@pytest.mark.parametrize(
+    ("logs", "counted"),
+    [([LOG], "1 flight:"), ([LOG, LOG], "1 flight, in 2 parts:"), ([LOG, OTHER], "2 flights:")],
+)
+def test_parts_of_a_flight_are_not_counted_as_flights(logs, counted):
+    (note,) = notes_of(logs)
+    assert note.startswith(counted)
+
+
+def test_rotors_that_differ_within_one_flight_are_not_called_other_vehicles():
+    assert "part to part" in notes_of([LOG] * 3, vehicles=3)[-1]
+    assert "vehicles" not in notes_of([LOG] * 3, vehicles=3)[-1]
+    assert "flight to flight" in notes_of([LOG, OTHER, SimpleNamespace()], vehicles=3)[-1]
