@@ -13,7 +13,7 @@ def controller_items(report: ControllerReport | None) -> list[Item]:
     items: list[Item] = []
     lines = [report.summary] if report.summary else []
     if report.compared_with and not report.changed:
-        lines.append(f"Its gains are those of {report.compared_with}.")
+        lines.append(f"By its gains the controller is the same as {report.compared_with}.")
     if lines:
         items.append(Text(lines, "list"))
     expected = {c.gain.label: f"{c.expected.value:.3g}" for c in report.changed}
