@@ -38,7 +38,7 @@ def absent(flight: str, series: Mapping[str, Series]) -> list[Finding]:
     if not set(DRIVES) & set(series):
         text = (
             "rotor_speed, rotor_command and motor_command: absent or not usable; thrust is "
-            "what the flight asks for, so causes in mass, thrust, propellers, motors and battery "
+            "taken from the motion, so causes in mass, thrust, propellers, motors and battery "
             "can't be seen: none does not exclude them"
         )
         findings.append(Finding("missing", "warning", flight, text, channel="rotor_speed"))
