@@ -13,6 +13,20 @@ from tombo_diagnosis.wording import capital, counted, display_name, listed
 from tombo_flight.extended_model import Gain
 
 
+def gain_sentence(gains: Sequence[Gain]) -> str:
+    """Return what the best prediction gains; empty where no gain is clear of zero."""
+    steps = [
+        g for g in gains if g.horizon == "one step" and g.reduction > 0.05 and not g.low <= 0.0
+    ]
+    if not steps:
+        return ""
+    best = max(steps, key=lambda g: g.reduction)
+    return (
+        f" With it the error of {best.channel} falls from {best.before:.3g} to "
+        f"{best.after:.3g} {best.unit} in flights held out."
+    )
+
+
 def summary(findings: FlightAnalysis, causes: Sequence[Cause], gains: Sequence[Gain]) -> str:
     """Return the verdict in a sentence or two."""
     judgement = findings.judgement
@@ -35,14 +49,7 @@ def summary(findings: FlightAnalysis, causes: Sequence[Cause], gains: Sequence[G
             "The experiment below separates them."
         )
     cause_texts = capital("; ".join(_cause_text(cause) for cause in causes))
-    gain = ""
-    steps = [g for g in gains if g.horizon == "one step" and g.reduction > 0.05]
-    if steps:
-        best = max(steps, key=lambda g: g.reduction)
-        gain = (
-            f" With it the error of {best.channel} falls from {best.before:.3g} to "
-            f"{best.after:.3g} {best.unit} in flights held out."
-        )
+    gain = gain_sentence(gains)
     if judgement.verdict == "partly_explained":
         rest = remains or "what remains looks like gusts, or like a force it only resembles"
         if findings.remainder.clean_where_explained and remains:
