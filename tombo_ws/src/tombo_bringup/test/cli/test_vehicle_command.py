@@ -71,6 +71,20 @@ def test_a_file_is_replaced_by_force_only(tombo, refused, tmp_path):
     assert "Mine" in (tmp_path / "mine.yaml").read_text()
 
 
+def test_drive_and_effects_of_a_file_are_shown_with_units(tombo, tmp_path):
+    own = ("--set", "drive.gain=0.09", "--set", "effects.linear_rotor_drag.d_xy=0.0107")
+    assert tombo("vehicle", "new", "mine.yaml", *NEW, *own).code == 0
+    lines = [line.split() for line in tombo("vehicle", "show", "mine.yaml").out.splitlines()]
+    assert ["gain", "0.09", "N"] in [line[:3] for line in lines]
+    assert ["effect", "linear_rotor_drag"] in lines
+    assert ["d_xy", "0.0107", "N", "s/m"] in lines
+
+
+def test_the_help_of_a_new_vehicle_says_the_units(tombo):
+    words = " ".join(tombo("vehicle", "new", "--help").out.split())
+    assert "vehicle.mass in kg, vehicle.arm_length in m," in words
+
+
 def test_unknown_vehicles_are_refused(refused):
     refused(("vehicle", "show", "px4_x50"), "px4_x50", "did you mean 'px4_x500'")
     refused(("fly", "hover", "--vehicle", "nothing.yaml"), "nothing.yaml", "can't be read")

@@ -68,10 +68,10 @@ class _NewFile:
 def new(given: _NewFile, values: options.Settings, force: options.Force) -> None:
     """Write a vehicle file that flies, from mass, arm length and propeller, each by --set.
 
-    vehicle.mass [kg], vehicle.arm_length [m], from the centre to a rotor's axis, and of Tombo
-    propellers propeller.conf; of plain ones propeller.k_thrust [N s^2/rad^2], propeller.k_torque
-    [N m s^2/rad^2] and propeller.radius [m]. Everything else is taken from these and can be set in
-    the same way, or changed in the file: name=Mine,
+    vehicle.mass in kg, vehicle.arm_length in m, from the centre to a rotor's axis, and of Tombo
+    propellers propeller.conf; of plain ones propeller.k_thrust in N s^2/rad^2, propeller.k_torque
+    in N m s^2/rad^2 and propeller.radius in m. Everything else is taken from these and can be set
+    in the same way, or changed in the file: name=Mine,
     vehicle.mass={value: 1.5, tolerance: 0.005, source: weighed}.
     """
     from tombo_flight.command_line import command_line
@@ -118,11 +118,17 @@ def _hover(file: VehicleFile) -> dict[str, float]:
 
 def _page(file: VehicleFile) -> Page:
     """Return each value of a vehicle, where it is from, and its hover."""
+    from tombo_dynamics.effects import REGISTRY
     from tombo_flight.report.page import Page, Section, Table, TableRow, Text
 
     rows: list[TableRow | tuple[str, ...]] = []
-    for section in ("vehicle", "propeller", "control"):
-        rows += [TableRow([section], "group"), *_rows(file, section)]
+    for section in ("vehicle", "propeller", "drive", "control"):
+        if section != "drive" or file.drive.known:
+            rows += [TableRow([section], "group"), *_rows(file, section)]
+    for name, theta in file.effects.items():
+        units = {p.name: p.unit for p in REGISTRY[name].theta}
+        rows.append(TableRow([f"effect {name}"], "group"))
+        rows += [(key, f"{value:.4g}", units[key], "", "") for key, value in theta.items()]
     hover = _hover(file)
     words = (
         f"Hover: {hover['thrust_N']:.4g} N and {hover['speed_rad_s']:.4g} rad/s a rotor "
@@ -144,6 +150,7 @@ def _page(file: VehicleFile) -> Page:
             "about": file.about,
             "vehicle": dataclasses.asdict(file.vehicle),
             "propeller": dataclasses.asdict(file.propeller),
+            "drive": dataclasses.asdict(file.drive),
             "control": dataclasses.asdict(file.control),
             "effects": {name: dict(theta) for name, theta in file.effects.items()},
             "sources": list(file.sources),
