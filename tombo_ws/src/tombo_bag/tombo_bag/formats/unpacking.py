@@ -5,12 +5,14 @@ The limit is the user's, else a share of the machine's memory.
 
 from __future__ import annotations
 
+import gzip
 import os
 import resource
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -109,16 +111,34 @@ def unpack_file(source: BinaryIO, out: BinaryIO, allowance: Allowance) -> str:
     """
     import zstandard
 
-    unpacker: Any = zstandard.ZstdDecompressor().decompressobj()
-    packed = source.read(_PIECE)
-    if packed.startswith(GZIP_MAGIC):
-        unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
     try:
-        while packed and not unpacker.eof:
-            piece = unpacker.decompress(packed)
+        for piece in _pieces(source):
             allowance.take(len(piece))
             out.write(piece)
-            packed = source.read(_PIECE)
-    except (zstandard.ZstdError, zlib.error) as error:
+    except EOFError:
+        return "the compressed file is cut off; read up to there"
+    except (zstandard.ZstdError, zlib.error, gzip.BadGzipFile) as error:
         return f"the compressed file is damaged ({error}); read up to there"
-    return "" if unpacker.eof else "the compressed file is cut off; read up to there"
+    return ""
+
+
+def _pieces(source: BinaryIO) -> Iterator[bytes]:
+    """Yield the plain bytes of a file by zstd, or by gzip with all its members.
+
+    Raises:
+        EOFError: the file is cut off.
+    """
+    import zstandard
+
+    packed = source.read(_PIECE)
+    if packed.startswith(GZIP_MAGIC):
+        source.seek(0)
+        with gzip.GzipFile(fileobj=source) as file:
+            yield from iter(partial(file.read1, _PIECE << 8), b"")
+        return
+    unpacker = zstandard.ZstdDecompressor().decompressobj()
+    while packed and not unpacker.eof:
+        yield unpacker.decompress(packed)
+        packed = source.read(_PIECE)
+    if not unpacker.eof:
+        raise EOFError

@@ -250,6 +250,16 @@ def test_a_cut_archive_is_read_up_to_where_it_is_whole(tmp_path):
     close(position, P[: len(position)])
 
 
+def test_all_members_of_an_archive_are_read(tmp_path):
+    text = table_text(FLIGHT, POSE)
+    rows = text.splitlines(keepends=True)
+    parts = ["".join(rows[:50]), "".join(rows[50:])]
+    members = b"".join(gzip.compress(part.encode()) for part in parts)
+    position, said = read_archive(tmp_path, text, lambda whole: members)
+    close(position, P)
+    assert "compressed" not in said
+
+
 def test_a_number_that_is_cut_is_not_taken_for_a_whole_one(tmp_path):
     """...,0.9998 may have been 0.99987: where the file ends early, its last row is left out."""
     text = table_text(FLIGHT, POSE).rstrip()[:-3]
