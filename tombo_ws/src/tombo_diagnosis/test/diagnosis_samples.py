@@ -5,7 +5,6 @@ through the filter: correlated over a tenth of a second.
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -37,7 +36,7 @@ CHANNELS = (
 SPEEDS = (0.8, 1.4, 2.0, 2.6)
 
 
-def residuals(flights: int, seconds: float, extended: bool, clock: float) -> tuple[Residual, ...]:
+def residuals(flights: int, seconds: float, extended: bool) -> tuple[Residual, ...]:
     rng, rate = np.random.default_rng(5), 100.0
     low_pass = butter(2, 8.0, fs=rate, output="sos")
     t = np.arange(0.0, seconds, 1.0 / rate)
@@ -58,7 +57,7 @@ def residuals(flights: int, seconds: float, extended: bool, clock: float) -> tup
             before = after + gap
             left = after if extended else before
             result.append(
-                Residual(f"circle_{i + 1}", channel, unit, t + clock, before, left, sigma, drivers)
+                Residual(f"circle_{i + 1}", channel, unit, t, before, left, sigma, drivers)
             )
     return tuple(result)
 
@@ -146,9 +145,7 @@ NOTES = (
 )
 
 
-def sample(
-    verdict: str = "named", *, flights: int = 4, seconds: float = 30.0, clock: float = 0.0
-) -> Diagnosis:
+def sample(verdict: str = "named", *, flights: int = 4, seconds: float = 30.0) -> Diagnosis:
     """Return a diagnosis with the verdict asked for."""
     extended = verdict in ("named", "partly_explained")
     causes = {"set": (MASS_ERROR, THRUST_ERROR), "named": (CAUSE,), "partly_explained": (CAUSE,)}
@@ -158,17 +155,16 @@ def sample(
         name, used = f"circle_{i + 1}", seconds - 3.5 * (i == 2)
         sensors = ("mocap", ("gyro", "accel", "rotor_speed")) if i % 2 else ("imu", ())
         notes.append(FlightSummary(name, f"lab/{name}.mcap (MCAP)", seconds, used, *sensors))
-    checks = tuple(replace(f, start_s=f.start_s + clock, end_s=f.end_s + clock) for f in PRECHECKS)
     return Diagnosis(
         verdict=verdict,
         causes=causes.get(verdict, ()),
         set=members,
         separating_experiment=EXPERIMENT if verdict == "set" else None,
         gain=GAIN if extended else (),
-        prechecks=checks,
+        prechecks=PRECHECKS,
         candidates=SCORES,
         flights=tuple(notes),
-        residuals=residuals(flights, seconds, extended, clock),
+        residuals=residuals(flights, seconds, extended),
         confidence=0.987 if extended else 0.93,
         summary=SUMMARY if extended else f"Made-up summary of a verdict '{verdict}'.",
         notes=NOTES,

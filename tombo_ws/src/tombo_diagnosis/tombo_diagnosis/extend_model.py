@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from tombo_diagnosis.diagnosis import Cause, Diagnosis
+from tombo_dynamics.effect_registry import Registry
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import FittedEffect, Model, ModelSource, Origin
@@ -20,7 +21,13 @@ def extends(diagnosis: Diagnosis) -> bool:
 
 
 def model_of(
-    diagnosis: Diagnosis, *, tool: str, date: str, scenario: str, base: Model | None = None
+    diagnosis: Diagnosis,
+    *,
+    tool: str,
+    date: str,
+    scenario: str,
+    base: Model | None = None,
+    registry: Registry = REGISTRY,
 ) -> Model:
     """Return the model, extended by the causes of a diagnosis.
 
@@ -28,8 +35,9 @@ def model_of(
         diagnosis: its causes are put in.
         tool: that made the diagnosis, with its version.
         date: of today, as text.
-        scenario: its name, with which the flights were compared.
-        base: an extended model that the flights were compared with, if any; its effects stay.
+        scenario: name of the model that the data were compared with.
+        base: an extended model that the data were compared with, if any; its effects stay.
+        registry: of the effects: of flights, or of thrust stands.
 
     Raises:
         InputError: nothing was named, or a cause is not of the registry.
@@ -40,7 +48,7 @@ def model_of(
             f"accepted: {' or '.join(EXTENDING_VERDICTS)}, with a cause"
         )
     notes: list[str] = []
-    fitted = [_addition(cause, notes) for cause in diagnosis.causes]
+    fitted = [_addition(cause, registry, notes) for cause in diagnosis.causes]
     origin = Origin(
         tool=tool,
         date=date,
@@ -60,11 +68,11 @@ def model_of(
     return Model(tuple(fitted), origin, diagnosis.gain, (*notes, *diagnosis.notes))
 
 
-def _addition(cause: Cause, notes: list[str]) -> FittedEffect:
+def _addition(cause: Cause, registry: Registry, notes: list[str]) -> FittedEffect:
     """Return the addition of a cause; a value beyond the bounds is brought to its bound."""
-    if cause.effect not in REGISTRY:
+    if cause.effect not in registry:
         raise InputError(f"model: effect '{cause.effect}' is not in the registry")
-    declared = {p.name: p for p in REGISTRY[cause.effect].theta}
+    declared = {p.name: p for p in registry[cause.effect].theta}
     theta = []
     for fitted in cause.theta:
         name = f"{cause.effect}.{fitted.name}"

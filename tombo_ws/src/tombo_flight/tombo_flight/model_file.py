@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from tombo_dynamics.effect_registry import Registry
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
@@ -33,7 +34,7 @@ from tombo_flight.yaml_file import (
 _Record = TypeVar("_Record")
 FORMAT = 1
 _HEAD = (
-    "# A model extended by what measured flights called for. Fly it: tombo fly --model THIS_FILE\n"
+    "# A model extended by what measurements called for. Of flights: tombo fly --model THIS_FILE\n"
     "# The effects are laid over those of the scenario; docs/effects.md says what each does.\n"
 )
 _KEYS = ("tombo_model", "effects", "origin", "gain", "notes")
@@ -77,18 +78,20 @@ def _plain(record: Any, without: str = "") -> dict[str, Any]:
     return values
 
 
-def read_model(path: Path) -> Model:
-    """Read and check a model.
+def read_model(path: Path, registry: Registry = REGISTRY) -> Model:
+    """Read and check a model; `registry` has the effects of its kind.
 
     Raises:
         InputError: it can't be read, is cut off or no model, or holds an unknown effect or
             parameter, or a value that no simulation takes.
     """
     what = f"model file '{path}'"
-    return model_from_text(read_text(path, what, "a model.yaml of `tombo diagnose`"), what)
+    return model_from_text(
+        read_text(path, what, "a model.yaml of `tombo diagnose`"), what, registry
+    )
 
 
-def model_from_text(text: str, what: str) -> Model:
+def model_from_text(text: str, what: str, registry: Registry = REGISTRY) -> Model:
     """Return the model that a file's text holds; `what` names it in errors.
 
     Raises:
@@ -107,7 +110,7 @@ def model_from_text(text: str, what: str) -> Model:
         raise InputError(f"{what}: effects: none; accepted: at least one")
     return Model(
         additions=tuple(
-            _read_addition(str(name), given, f"{what}: effects.{name}")
+            _read_addition(str(name), given, f"{what}: effects.{name}", registry)
             for name, given in effects.items()
         ),
         origin=_read_origin(values.get("origin"), f"{what}: origin"),
@@ -119,10 +122,10 @@ def model_from_text(text: str, what: str) -> Model:
     )
 
 
-def _read_addition(name: str, given: Any, where: str) -> FittedEffect:
-    if name not in REGISTRY:
-        raise unknown_name(f"effect in {where.rpartition('.')[0]}", name, REGISTRY)
-    declared = {p.name: p for p in REGISTRY[name].theta}
+def _read_addition(name: str, given: Any, where: str, registry: Registry) -> FittedEffect:
+    if name not in registry:
+        raise unknown_name(f"effect in {where.rpartition('.')[0]}", name, registry)
+    declared = {p.name: p for p in registry[name].theta}
     given = mapping_of(given, where)
     check_keys(given, ("confidence", "parameters", "covariance"), where)
     theta = []

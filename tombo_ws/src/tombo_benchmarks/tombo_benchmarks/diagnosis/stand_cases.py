@@ -165,8 +165,7 @@ def _read(
     have = {"thrust": 1, "torque": 2, "beta": 3, "full": 4}[stand]
     readings[:, have:] = np.nan
     readings[setup.speed == 0.0, 2:] = np.nan
-    stiffness = np.full(len(names[1]), np.nan)
-    return OperatingPoints(setup, readings, sigma, names[0], names[1], stiffness)
+    return OperatingPoints(setup, readings, sigma, *names)
 
 
 def _healthy(p: FreeParameter, rng: np.random.Generator) -> float:

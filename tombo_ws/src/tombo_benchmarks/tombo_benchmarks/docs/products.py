@@ -236,11 +236,19 @@ def _px4(root: Path, data: Path) -> None:
 
 
 def _diagnosis(root: Path, data: Path) -> None:
-    logs = sorted(str(path) for path in (data / "flights").glob("*.csv.gz"))
-    with TemporaryDirectory() as folder:
-        _tombo("diagnose", *logs, "--mapping", "nanobench", "-o", folder, "--force")
-        shutil.copy(Path(folder) / "summary.png", root / "docs" / "diagnosis.png")
-        found = json.loads((Path(folder) / "diagnosis.json").read_text(encoding="utf-8"))
+    from tombo_diagnosis.diagnosis import diagnosis_mapping
+    from tombo_diagnosis.flight.diagnose import diagnose_files
+    from tombo_diagnosis.flight.nominal import nominal_model
+    from tombo_diagnosis.report.figures import draw_pair
+    from tombo_diagnosis.report.residual_data import best_pair, by_channel
+    from tombo_flight.report.flight_plot import figure_bytes
+
+    logs = sorted((data / "flights").glob("*.csv.gz"))
+    diagnosis = diagnose_files(logs, nominal_model(), "nanobench")[0]
+    pair = best_pair(by_channel(diagnosis.residuals))
+    if pair is not None:
+        (root / "docs" / "diagnosis.png").write_bytes(figure_bytes(draw_pair(pair)))
+    found = diagnosis_mapping(diagnosis)
     _fill(root / "docs" / "diagnosis.md", {"crazyflie": crazyflie_text(found)})
     _fill(root / "README.md", {"diagnosis": _certainty_text(found)})
 

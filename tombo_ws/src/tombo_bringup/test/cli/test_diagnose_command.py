@@ -54,16 +54,16 @@ def test_cause_gain_faults_and_files_are_told(tombo, found, tmp_path):
     result = tombo("diagnose", "lab flights.mcap", "other.mcap")
     out = re.sub(r"\s+", " ", result.out)
     for words in (
-        "0.283 N s/m", "0.276 to 0.290", "Next likely: quadratic body drag (1 %)",
-        "2 of 10 candidates can’t be seen", "specific force x 74 % 0.239 m/s² 0.0610 m/s²",
+        "0.283 N s/m", "0.276 to 0.290",
+        "specific force x 74 % 0.239 m/s² 0.0610 m/s²",
         "fault circle_3 25.00–28.50 s crash accel: 2.5 g", "d_z is not told from zero",
         "tombo fly --model runs/diagnosis-lab_flights/model.yaml",
-        "runs/diagnosis-lab_flights: ", "summary.png",
+        "runs/diagnosis-lab_flights: ",
     ):  # fmt: skip
         assert words in out, words
     assert "stamps repeat" not in out  # an info is for the report
     folder = tmp_path / "runs" / "diagnosis-lab_flights"
-    assert {"report.html", "diagnosis.json", "model.yaml", "summary.png"} <= names(folder)
+    assert {"report.html", "diagnosis.json", "model.yaml"} <= names(folder)
 
 
 def test_a_set_says_what_separates_it(tombo, found, tmp_path):

@@ -63,7 +63,7 @@ class _Diagnosed(options.Logs):
         "With --healthy: flights whose names fit the pattern are of this session, as "
         "monday='normal_[123]'. Default: their dates; without dates, demand that is alike.",
     )
-    no_report: bool = option("--no-report", "Write no report.html and no picture.", False)
+    no_report: bool = option("--no-report", "Write no report.html.", False)
 
 
 @command(app, lab=True, epilog=DIAGNOSE_EXIT_CODES, expand=spread_paths)
@@ -78,8 +78,8 @@ def diagnose(
 ) -> None:
     """Say what the simulation gets wrong in measured flights, name the cause, measure the gain.
 
-    Writes report.html, diagnosis.json and summary.png; model.yaml, the extended model,
-    where a cause is named (`tombo fly --model`).
+    Writes report.html and diagnosis.json; model.yaml, the extended model, where a cause is
+    named (`tombo fly --model`).
     """
     # One thread of linear algebra: on matrices this small more get into each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -86,7 +86,7 @@ def test_every_picture_of_a_log_with_little_in_it_is_drawn():
     page = log_page([log_of(), log_of("b", **{IMU.name: imu(50.0, 1.0)})], [NOT_JUDGED] * 2)
     pictures = [item for s in page.sections for item in s.items if isinstance(item, Picture)]
     assert [picture.name for picture in pictures] == ["Position", "Attitude", "Body rates",
-                                                      "Spectra", "Poses"]  # fmt: skip
+                                                      "Spectra"]  # fmt: skip
     assert page_html(page).count("<svg") == len(pictures)
 
 
@@ -119,10 +119,9 @@ def even(k):
         (lambda k: np.where(k % 7, even(k), np.nan), lambda x: x),
         (even, lambda x: np.nan * x),
         (even, lambda x: 0.0 * x),
-        (even, lambda x: 1e200 * x),
         (even, lambda x: np.where(x > 1.0, np.inf, x)),
     ],
-    ids=["frozen", "repeated", "backward", "gap", "nan_time", "nan", "zero", "absurd", "inf"],
+    ids=["frozen", "repeated", "backward", "gap", "nan_time", "nan", "zero", "inf"],
 )
 def test_figures_of_damaged_logs_are_finite_or_left_out_without_a_warning(stamps, values):
     page = log_page([damaged(stamps, values)], [NOT_JUDGED])

@@ -58,7 +58,7 @@ def test_every_verdict_has_its_words(verdict, words):
         assert expected in text
     extended = verdict in ("named", "partly_explained")
     assert ("--model" in text) == extended
-    assert ("after: extended model" in text) == extended
+    assert (" less)" in text) == extended
     assert (EXPERIMENT.text in text) == (verdict == "set")
     assert ("held out from selection and fit" in text) == extended
 
@@ -69,7 +69,6 @@ def test_a_crash_is_shown_with_its_time_and_marked_in_the_pictures(html):
     assert "25.00–28.50" in page.text
     marked = [a for t, a in page.elements if t == "path" and "purple" in a.get("style", "")]
     assert marked
-    assert "fault or doubt in the log" in page.text
 
 
 def filled(record, kind, value):
@@ -120,18 +119,14 @@ def test_a_diagnosis_of_nearly_nothing_is_a_page(empty):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("flights", "clock"), [(1, 0.0), (20, 1.7727e9)])
-def test_the_page_stays_small_whatever_the_number_of_flights(flights, clock):
-    html = diagnosis_html(sample(flights=flights, seconds=100.0, clock=clock))
-    assert len(html.encode()) < 1_500_000
-    page = PageReader(html)
-    assert "25.00–28.50" in page.text or flights == 1  # of the crash, from the flight's start
+def test_the_page_of_many_flights_stays_small():
+    assert len(diagnosis_html(sample(flights=20, seconds=100.0)).encode()) < 1_500_000
 
 
 @pytest.mark.slow
 def test_the_residual_that_was_removed_is_drawn_before_and_after(html):
-    drawn = re.findall(r'<path d="([^"]*)"[^>]*stroke: var\(--(vermillion|blue|same)\)', html)
-    assert {colour for _, colour in drawn} == {"vermillion", "blue", "same"}
+    drawn = re.findall(r'<path d="([^"]*)"[^>]*stroke: var\(--(vermillion|blue)\)', html)
+    assert {colour for _, colour in drawn} == {"vermillion", "blue"}
 
     def span(path: str) -> float:
         heights = [float(y) for y in re.findall(r"[ML] [\d.-]+ ([\d.-]+)", path)]
@@ -156,12 +151,10 @@ def test_what_several_flights_have_alike_is_one_line():
     alike = [Finding("gap", "warning", name, "position: silent") for name in flights]
     apart = Finding("crash", "fault", "circle_2", "accel: 2.5 g", 25.0, 28.5)
     info = Finding("stamps", "info", "circle_1", "stamps repeat")
-    head, *rest = check_items([*alike, info, apart], "flight", {"circle_2": 20.0})
-    assert [row[1].text for row in head.rows] == [
+    table, remarks = check_items([*alike, info, apart], "flight")
+    assert [row[1].text for row in table.rows] == [
         "circle_2", "circle_1, circle_2, circle_3, 2 others",
     ]  # fmt: skip
-    assert head.rows[0][2] == "5.00–8.50 s" and head.rows[1][2] == "whole flight"
-    assert head.rows[1][1].tooltip == ", ".join(flights)
-    assert [folded.title for folded in rest] == ["1 more"]
-    (table,) = check_items([*alike, info, apart], "table")
-    assert len(table.rows) == 3
+    assert [row[2] for row in table.rows] == ["25.00–28.50 s", ""]
+    assert remarks.title == "1 remark"
+    assert table.rows[1][1].tooltip == ", ".join(flights)

@@ -50,5 +50,5 @@ def read(s: Setup, theta, channels=4, seed=0, draws=None, change=None) -> Operat
     props, runs = int(s.propeller.max()) + 1, int(s.run.max()) + 1
     return OperatingPoints(
         s, readings, sigma, tuple(f"run {k}" for k in range(runs)),
-        tuple(f"propeller {k}" for k in range(props)), np.full(props, 0.1),
+        tuple(f"propeller {k}" for k in range(props)),
     )  # fmt: skip

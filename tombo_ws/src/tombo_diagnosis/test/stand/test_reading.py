@@ -82,7 +82,6 @@ def test_lag_and_tare_of_a_recording_are_found(tmp_path):
     result = plateaus(read_stand(path))
     (lag,) = (f for f in result.findings if f.check == "lag")
     assert abs(int(lag.message.split(" rows")[0].split()[-1]) - 20) <= 2
-    assert result.standstill[0] == pytest.approx(0.3, abs=0.003)
     turning = result.speed > 10.0
     k = result.readings[turning, 0] / result.speed[turning] ** 2
     assert np.allclose(k, 2e-5, rtol=0.01)
@@ -124,11 +123,10 @@ BAD = {
     "rpm,thrust[furlong]\n1000,2\n2000,3\n3000,4\n": "unit of column",
     "rpm,thrust_N\nnan,2\n,3\nx,4\n": "rows with numbers",
     "rpm,thrust_N\n1000,-0.1\n2000,-0.5\n3000,-1.0\n": "falls with speed",
-    "rpm,thrust_N\n-1000,0.1\n2000,0.5\n3000,1.0\n": "negative speeds",
-    "speed_rad_s,thrust_N\n10000,0.1\n20000,0.5\n30000,1.0\n": "Mach",
-    "rpm,thrust_N\n100,0.1\n150,0.5\n170,1.0\n": "never passes",
-    "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,-1\n3000,9,.1\n": "has -1 in row 2",
-    "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,.1\n3000,9,0\n": "has 0 in row 3",
+    "speed_rad_s,thrust_N\n10000,0.1\n20000,0.5\n30000,1.0\n": "pole count",
+    "rpm,thrust_N\n100,0.1\n150,0.5\n170,1.0\n": "reaches 170 rpm",
+    "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,-1\n3000,9,.1\n": "has -1",
+    "rpm,thrust_N,thrust_sigma_N\n1000,1,.1\n2000,4,.1\n3000,9,0\n": "has 0",
     "rpm,thrust_N,thrust_N\n1000,1,1\n2000,4,5\n3000,9,9\n": "'thrust_N' twice",
     "rpm,thrust_furlong\n1000,2\n2000,3\n3000,4\n": "N, mN, kN, g, gf, kg",
     "rpm,thrust\n1000,2\n2000,3\n3001,4\n": r"\(N, mN, kN, g, gf, kg",
@@ -181,9 +179,9 @@ def test_speeds_beyond_the_law_are_excluded_and_reported(tmp_path):
     rpm = np.linspace(2000.0, 12000.0, 9)
     thrust = 1e-7 * rpm**2
     table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, thrust))
-    result = assemble([table], 5, "repaired")
-    assert any("6635 rpm" in f.message for f in result.findings if f.check == "speed")
-    words = summary(analyse(result.points), (), ())
+    points, findings = assemble([table], 5, "repaired")
+    assert any("6635 rpm" in f.message for f in findings if f.check == "speed")
+    words = summary(analyse(points), ())
     assert words.startswith("4 points")  # of nine: those beyond do not count
 
 
@@ -215,7 +213,7 @@ def test_a_run_cut_off_before_it_lifts_is_refused(tmp_path):
 @pytest.mark.slow
 def test_one_speed_is_never_enough_for_a_name(tmp_path):
     path = write(tmp_path / "a.csv", "rpm,thrust_N", np.full(4, 5000.0), np.full(4, 4.6))
-    result = analyse(assemble([read_stand(path)], 13, "repaired").points)
+    result = analyse(assemble([read_stand(path)], 13, "repaired")[0])
     assert result.judgement.verdict == "set"
     assert {"thrust_gain", "thrust_coefficient"} <= set(result.judgement.members)
 
@@ -248,30 +246,29 @@ def test_an_unknown_configuration_says_where_it_stands(tmp_path, conf, words):
 def test_a_large_tare_is_no_wrong_unit(tmp_path):
     thrust = POINT.thrust_N + 3.0 * POINT.thrust_N[-1]
     path = write(tmp_path / "a.csv", "rpm,thrust_N", RPM, thrust)
-    assert assemble([read_stand(path)], 13, "repaired").points.count == 12
+    assert assemble([read_stand(path)], 13, "repaired")[0].count == 12
 
 
 @pytest.mark.parametrize(
-    ("speed", "thrust", "words"),
+    ("speed", "thrust", "accepted"),
     [
-        (1.0, 1e3 / 9.80665, "grams read as newtons"),
-        (math.pi / 30.0, 1.0, "rad/s read as rpm"),
-        (1.0, 4.0, "rotors: 4"),
-        (1.0, 1.5, ""),
+        (1.0, 1e3 / 9.80665, False),
+        (math.pi / 30.0, 1.0, False),
+        (1.0, 4.0, False),
+        (1.0, 1.5, True),
     ],
+    ids=["grams", "rad/s", "four rotors", "newtons"],
 )
-def test_thrust_in_a_wrong_unit_is_reported(tmp_path, speed, thrust, words):
+def test_thrust_in_a_wrong_unit_is_refused(tmp_path, speed, thrust, accepted):
     rpm = np.linspace(4500.0, 6000.0, 12)
     newton = evaluate(configuration(13), rpm * math.pi / 30.0).thrust_N
     path = write(tmp_path / "a.csv", "rpm,thrust_N", rpm * speed, newton * thrust)
-    if not words:
-        assert assemble([read_stand(path)], 13, "repaired").points.count == 12
+    if accepted:
+        assert assemble([read_stand(path)], 13, "repaired")[0].count == 12
         return
     right = read_stand(write(tmp_path / "b.csv", "rpm,thrust_N", rpm, newton))
-    for tables in ([read_stand(path)], [right, read_stand(path)]):
-        with pytest.raises(InputError) as error:
-            assemble(tables, 13, "repaired")
-        assert all(x in str(error.value) for x in ("a.csv", "'thrust_N' as N", "times", words))
+    with pytest.raises(InputError, match=r"a\.csv.*'thrust_N' as N is .* the model's thrust"):
+        assemble([right, read_stand(path)], 13, "repaired")
 
 
 def ramp(rng, steps=0):
@@ -296,17 +293,6 @@ def test_a_ramp_of_commands_is_cut_into_points_and_its_rows_are_said(tmp_path, s
     assert said.startswith(f"{points.speed.size} points from ") and int(said.split()[3]) >= 360
 
 
-@pytest.mark.parametrize(("lost", "count"), [([5], 1), ([0, 1, 2], 2), ([4, 11], 2)])
-def test_a_tachometer_that_drops_out_is_no_standstill(tmp_path, lost, count):
-    """The first of several rows before the start may be one of a rotor that stands."""
-    speed = RPM.copy()
-    speed[lost] = 0.0
-    table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", speed, POINT.thrust_N))
-    assert table.rows == RPM.size - count
-    (said,) = [f for f in table.findings if f.check == "speed_dropout"]
-    assert f"in {count} rows" in said.message
-
-
 def test_rows_at_standstill_stay(tmp_path):
     speed = np.concatenate([np.zeros(3), RPM])
     thrust = 0.4 + np.concatenate([np.zeros(3), POINT.thrust_N])  # a zero that is off
@@ -322,22 +308,6 @@ def test_a_dead_tachometer_gives_way_in_a_table_of_rcbenchmark(tmp_path, unit):
     table = read_stand(write(tmp_path / "a.csv", header, *columns))
     assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0)
     assert np.allclose(table.channels["torque"], POINT.torque_Nm)
-
-
-def test_coefficients_of_a_table_parted_by_spaces_are_loads(tmp_path):
-    """As UIUC publishes static runs: the diameter in inches is in the name."""
-    rows = "\n".join(f"{rpm:9.2f}   0.110000   0.045000 " for rpm in RPM)
-    (tmp_path / "apcsf_10x4.7_static.txt").write_text(f"RPM     CT       CP     \n{rows}\n")
-    table = read_stand(tmp_path / "apcsf_10x4.7_static.txt")
-    n, d = RPM / 60.0, 0.254
-    assert np.allclose(table.channels["thrust"], 0.11 * 1.225 * n**2 * d**4)
-    power = 0.045 * 1.225 * n**3 * d**5
-    assert np.allclose(table.channels["torque"] * 2.0 * math.pi * n, power)
-
-
-def test_coefficients_need_a_diameter(tmp_path):
-    with pytest.raises(InputError, match="diameter_mm"):
-        read_stand(write(tmp_path / "a.csv", "rpm,ct", RPM, 0.0 * RPM + 0.11))
 
 
 def test_lines_may_end_with_a_carriage_return_alone(tmp_path):

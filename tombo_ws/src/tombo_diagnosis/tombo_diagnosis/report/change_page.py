@@ -11,18 +11,10 @@ from matplotlib.figure import Figure
 
 from tombo_diagnosis.change.diagnose import ChangeData
 from tombo_diagnosis.change.features import Features
-from tombo_diagnosis.change.verdict import headline, phrase
-from tombo_diagnosis.diagnosis import Diagnosis, diagnosis_mapping
-from tombo_diagnosis.report.controller_items import controller_items
-from tombo_diagnosis.report.page import (
-    candidate_items,
-    check_items,
-    flight_items,
-    possibility_table,
-    sentences,
-)
-from tombo_diagnosis.report.words import STYLES, badge
-from tombo_diagnosis.wording import counted, figure
+from tombo_diagnosis.change.verdict import headline
+from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.report.page import cause_table, report_page
+from tombo_diagnosis.wording import counted
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_flight.report import style
@@ -31,9 +23,8 @@ from tombo_flight.report.page import Page, Picture, Section
 
 
 def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
-    """Return the page of a comparison; a fault of a log leads it: it may be all that changed."""
+    """Return the page of a comparison; its title names a fault of a log: it may be all of it."""
     faulty = sorted({f.flight for f in diagnosis.prechecks if f.severity == "fault"})
-    logs = [Section("The logs", check_items(diagnosis.prechecks, "flight"))]
     title = headline(diagnosis.verdict, tuple(c.label for c in diagnosis.changed))
     if faulty:
         where = f"the log {faulty[0]}" if len(faulty) == 1 else counted(len(faulty), "log")
@@ -42,28 +33,15 @@ def change_page(diagnosis: Diagnosis, data: ChangeData) -> Page:
         "Each dot is a flight, each bar the mean. Demand: thrust that the healthy drive curve "
         "reads from the commands, against a quarter of the weight"
     )
-    possible = [(phrase(c.label), c.confidence, c.theta) for c in diagnosis.changed]
     picture = Picture(partial(draw_change, data), caption, "Healthy and new flights")
-    return Page(
-        title=f"What has changed: {title}",
-        eyebrow="Tombo diagnosis",
-        verdict=badge(diagnosis),
-        verdict_style="bad" if faulty else STYLES[diagnosis.verdict],
-        headline=title,
-        summary=diagnosis.summary,
-        sections=[
-            *(logs if faulty else ()),
+    changed = diagnosis.changed
+    return report_page(
+        diagnosis,
+        title,
+        [
             Section("What has changed", [picture], "page"),
-            Section("What it may be", [possibility_table(possible)] if possible else []),
-            Section("The controller", controller_items(diagnosis.controller)),
-            Section("What can’t be certified", sentences(diagnosis.notes)),
-            Section("All candidates", candidate_items(diagnosis.candidates), "page"),
-            *(() if faulty else logs),
-            Section("Flights used", flight_items(diagnosis.flights), "page"),
+            Section("What it may be", [cause_table(changed)] if changed else []),
         ],
-        data=diagnosis_mapping(diagnosis),
-        footer=f"Held against: {diagnosis.model}. Intervals are 95 %. Diagnosed in "
-        f"{figure(diagnosis.seconds, 2)} s after loading. The same in diagnosis.json.",
     )
 
 

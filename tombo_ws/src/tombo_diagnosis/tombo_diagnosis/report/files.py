@@ -1,4 +1,4 @@
-"""The files of a diagnosis: page, JSON, summary, and the extended model."""
+"""The files of a diagnosis: page, JSON, and the extended model."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 REPORT_FILES: Final = (JSON, REPORT)
 """Names that every diagnosis may write."""
-SUMMARY: Final = "summary.png"
-DIAGNOSIS_FILES: Final = (*REPORT_FILES, MODEL, SUMMARY)
+DIAGNOSIS_FILES: Final = (*REPORT_FILES, MODEL)
 """All names that a diagnosis may write: those of an earlier one give way."""
 
 
@@ -58,7 +57,7 @@ def write_diagnosis(
 ) -> None:
     """Write the files of a diagnosis into an output folder, which the caller publishes.
 
-    `pictures`: also the report and the summary as a picture.
+    `pictures`: also the report.
 
     Raises:
         OSError: the files can't be written.
@@ -72,9 +71,3 @@ def write_diagnosis(
     on_progress(f"writing {REPORT}" if pictures else f"writing {JSON}", 0.0)
     page = diagnosis_page(diagnosis, str(folder.path), against.vehicle)
     write_report(folder, page, pictures=pictures)
-    if pictures:
-        from tombo_diagnosis.report.figures import draw_summary
-        from tombo_flight.report.flight_plot import figure_bytes
-
-        on_progress(f"drawing {SUMMARY}", 0.8)
-        (folder / SUMMARY).write_bytes(figure_bytes(draw_summary(diagnosis)))

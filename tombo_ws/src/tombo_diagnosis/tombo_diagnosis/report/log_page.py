@@ -35,7 +35,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.report.page import Card, Page, Picture, Section, Table, Text
+from tombo_flight.report.page import Page, Picture, Section, Table, Text
 from tombo_logs.checks.spans import interpolated
 
 MOST_LOGS: Final = 6
@@ -50,8 +50,6 @@ _MIN_GAP_MEDIANS: Final = 2.5
 """Medians; a longer interval is a gap."""
 _MIN_SATURATED_SHARE: Final = 0.995
 """Share of its largest value from which on a motor command counts as at its limit."""
-_MAX_MEASURABLE: Final = 1e9
-"""No sensor of a vehicle measures so much, in SI units: such samples are left out of figures."""
 _XYZ: Final = ("x", "y", "z")
 _ANGLES: Final = ("yaw", "pitch", "roll")
 
@@ -134,7 +132,6 @@ def log_page(flights: Sequence[Flight], reasons: Sequence[Why | InputError]) -> 
     ]
     names = [flight.name or flight.source for flight in flights]
     spectra = _spectra_picture(flights)
-    timing = _timing_picture(flights)
     findings = [finding for flight in flights for finding in flight.findings]
     one = len(flights) == 1
     return Page(
@@ -142,13 +139,11 @@ def log_page(flights: Sequence[Flight], reasons: Sequence[Why | InputError]) -> 
         eyebrow="Tombo report",
         headline=names[0] if one else f"{len(flights)} logs",
         summary="; ".join(flight.source for flight in flights if flight.source),
-        cards=[_card(name, why) for name, why in zip(names, reasons, strict=True)],
         sections=[
             Section("Figures", [Table(["", *names], rows)]),
             Section("First diagnosis", [_diagnosis(names, reasons)]),
             Section("Asked for and flown", [p for p in pictures if p is not None], "page"),
             Section("Vibration", [spectra] if spectra else [], "page"),
-            Section("Motion capture", [timing] if timing else [], "page"),
             Section("Events", _events(names, flights)),
             Section("Checks of the logs", check_items(findings, "log")),
         ],
@@ -218,9 +213,9 @@ def tracking_error(
         return None
     index = np.searchsorted(wanted.t, real.t, side="right") - 1
     usable = index >= 0
-    with np.errstate(invalid="ignore", over="ignore"):  # of values that are not finite
+    with np.errstate(invalid="ignore"):  # of values that are not finite
         error = real.values[usable] - wanted.values[index[usable]]
-    error = error[(np.abs(error) < _MAX_MEASURABLE).all(axis=1)]
+    error = error[np.isfinite(error).all(axis=1)]
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) if len(error) else None
 
 
@@ -244,9 +239,9 @@ def vibration(accel: Series | None) -> float | None:
 def spectrum_of(series: Series) -> tuple[Array, Array] | None:
     """Return frequencies [Hz] and power densities (N, width).
 
-    None: too short, irregular, without any motion, or of values that nothing can measure.
+    None: too short, irregular, or without any motion.
     """
-    usable = np.isfinite(series.t) & (np.abs(series.values) < _MAX_MEASURABLE).all(axis=1)
+    usable = np.isfinite(series.t) & np.isfinite(series.values).all(axis=1)
     t, first = np.unique(series.t[usable], return_index=True)
     values = series.values[usable][first]
     if len(t) < 256 or not np.ptp(values, axis=0).any():
@@ -269,14 +264,7 @@ def _of_known(compute: Callable[[Array], Any], values: Array | None) -> float | 
 def _largest(series: Series | None) -> float | None:
     if series is None:
         return None
-    usable = series.values[(np.abs(series.values) < _MAX_MEASURABLE).all(axis=1)]
-    return float(np.linalg.norm(usable, axis=1).max()) if len(usable) else None
-
-
-def _thinned(series: Series) -> tuple[Array, Array]:
-    step = max(1, len(series.t) // _MAX_SAMPLES)
-    values = series.values[::step]
-    return series.t[::step], np.where(np.abs(values) < _MAX_MEASURABLE, values, np.nan)
+    return _of_known(np.max, np.linalg.norm(series.values, axis=1))
 
 
 def _has(flight: Flight, curve: LogCurve) -> bool:
@@ -314,8 +302,9 @@ def draw_panels(flights: Sequence[Flight], panels: Panels) -> Figure:
 def _draw_curve(
     column: Any, flight: Flight, series: Series, panels: Panels, curve: LogCurve, colour: str
 ) -> None:
-    t, values = _thinned(series)
-    drawn = panels.values(values)
+    step = max(1, len(series.t) // _MAX_SAMPLES)
+    values = np.where(np.isfinite(series.values), series.values, np.nan)[::step]
+    t, drawn = series.t[::step], panels.values(values)
     drawn = drawn[:, None] if drawn.ndim == 1 else drawn
     for ax, y in zip(column, drawn.T, strict=False):
         ax.plot(t - _start(flight), y, curve.line, color=colour, linewidth=1.0)
@@ -357,39 +346,6 @@ def _draw_spectra(flights: Sequence[Flight], channels: Sequence[str]) -> Figure:
             ax.set_ylabel(f"{name} [({CHANNELS[name].unit})²/Hz]")
         _legend(row[0], flights)
     return sheet
-
-
-def _timing_picture(flights: Sequence[Flight]) -> Picture | None:
-    if not any("position" in flight.series for flight in flights):
-        return None
-    caption = "Interval between two poses, and arrival minus capture where the log has both"
-    return Picture(partial(_draw_timing, flights), caption, "Poses")
-
-
-def _draw_timing(flights: Sequence[Flight]) -> Figure:
-    with new_figure(9.0, 3.2, 100, layout="constrained") as sheet:
-        upper, lower = sheet.subplots(2, 1, sharex=True)
-        for flight, colour in zip(flights, _COLOURS, strict=False):
-            pose = flight.series.get("position")
-            if pose is None or len(pose.t) < 2:
-                continue
-            t = pose.t - _start(flight)
-            upper.plot(t[1:], 1e3 * np.diff(pose.t), ".", markersize=2, color=colour)
-            if pose.arrival is not None:
-                lower.plot(t, 1e3 * (pose.arrival - pose.t), ".", markersize=2, color=colour)
-        upper.set_ylabel("interval [ms]")
-        lower.set_ylabel("latency [ms]")
-        lower.set_xlabel("time [s]")
-        _legend(upper, flights)
-    return sheet
-
-
-def _card(name: str, why: Why | InputError) -> Card:
-    if isinstance(why, InputError):
-        return Card(name, "not judged", tooltip=str(why))
-    beside = "" if why.time_s is None else f"from {why.time_s:.2f} s, {100 * why.confidence:.0f} %"
-    return Card(name, "nothing wrong" if why.cause == "none" else why.cause.replace("_", " "),
-                beside=beside)  # fmt: skip
 
 
 def _diagnosis(names: Sequence[str], reasons: Sequence[Why | InputError]) -> Text:

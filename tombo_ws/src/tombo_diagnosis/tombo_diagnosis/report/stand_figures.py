@@ -1,4 +1,4 @@
-"""Figures of a stand diagnosis: residuals over speed and stiffness."""
+"""Figures of a stand diagnosis: residuals over speed."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _COLOURS: Final = (
 )  # fmt: skip
 
 
-def draw_residuals(stand: StandDiagnosis, headline: str) -> Figure:
+def draw_residuals(stand: StandDiagnosis) -> Figure:
     """Draw measured minus model over speed, before and after, a row for each channel."""
     problem = stand.findings.problem
     points = problem.points
     before = problem.residual(problem.final(problem.null_hypothesis))
     after = problem.unexplained(stand.findings.search.best.fit)
     channels = [c for c in points.measured if problem.seen[:, c].any()]
-    with new_figure(9.6, 1.1 + 2.5 * len(channels), 100, layout="constrained") as figure:
+    with new_figure(9.6, 0.7 + 2.5 * len(channels), 100, layout="constrained") as figure:
         axes = figure.subplots(len(channels), 2, squeeze=False, sharex="col", sharey="row")
         for row, c in zip(axes, channels, strict=True):
             unit, factor = _UNITS[CHANNELS[c]]
@@ -52,50 +52,14 @@ def draw_residuals(stand: StandDiagnosis, headline: str) -> Figure:
             axis.set_xlabel("speed [rpm]")
         if len(points.propellers) > 1:
             axes[0][0].legend(fontsize=7, ncols=2)
-        figure.suptitle(f"{headline}\ngrey: twice the noise of a point", x=0.01, ha="left")
     return figure
 
 
 def _scatter(axis: Any, problem: StandProblem, values: Array, c: int) -> None:
     setup = problem.points.setup
-    for p, name in enumerate(problem.points.propellers[:40]):
+    for p, name in enumerate(problem.points.propellers):
         rows = (setup.propeller == p) & problem.seen[:, c]
         axis.plot(
             setup.speed[rows] / RPM, values[rows], "o", markersize=3.2,
             color=_COLOURS[p % len(_COLOURS)], label=name,
         )  # fmt: skip
-
-
-def has_stiffness(stand: StandDiagnosis) -> bool:
-    """Return whether thrust was measured of two propellers or more with a nodus."""
-    points = stand.findings.problem.points
-    return int(np.isfinite(points.stiffness).sum()) > 1 and 0 in points.measured
-
-
-def draw_stiffness(stand: StandDiagnosis) -> Figure:
-    """Draw each propeller's mean residual of thrust over the shear modulus of its nodus."""
-    problem = stand.findings.problem
-    points = problem.points
-    before = problem.residual(problem.final(problem.null_hypothesis))[:, 0]
-    after = problem.residual(problem.final(stand.findings.search.best.fit))[:, 0]
-    with new_figure(6.4, 3.6, 100, layout="constrained") as figure:
-        axis = figure.subplots()
-        for left, colour, name in (
-            (before, style.VERMILLION, "model as it was"),
-            (after, style.BLUE, "with what was found"),
-        ):
-            x, y, half = [], [], []
-            for p in np.flatnonzero(np.isfinite(points.stiffness)):
-                rows = (points.setup.propeller == p) & problem.seen[:, 0]
-                if rows.any():
-                    x.append(points.stiffness[p])
-                    y.append(left[rows].mean())
-                    error = points.sigma[rows, 0].mean() / math.sqrt(rows.sum())
-                    half.append(2.0 * max(error, left[rows].std() / math.sqrt(rows.sum())))
-            axis.errorbar(x, y, yerr=half, fmt="o", color=colour, capsize=3, label=name)
-        axis.axhline(0.0, color=style.MUTED, linewidth=0.7)
-        axis.set_xlabel("shear modulus of the nodus G_N [MPa]")
-        axis.set_ylabel("thrust, measured less model [N]")
-        axis.set_title("Mean over each propeller's points, bars 95 %", loc="left")
-        axis.legend()
-    return figure

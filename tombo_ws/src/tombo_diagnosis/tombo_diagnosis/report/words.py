@@ -1,17 +1,12 @@
-"""Texts of a diagnosis: headline, badge, best gains, next steps."""
+"""Texts of a diagnosis: headline, badge, tolerances, next steps."""
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
-from tombo_diagnosis.diagnosis import VARIABLES, Cause, Diagnosis, Leftover
+from tombo_diagnosis.diagnosis import VARIABLES, Diagnosis, Leftover
 from tombo_diagnosis.wording import capital, certainty, display_name, listed, percent, sized
 from tombo_dynamics.effects import REGISTRY
-from tombo_flight.extended_model import Gain
-
-_LEAST_CHANGE: Final = 0.005
-"""Of an error; less is written as 0 %."""
 
 _BADGES: Final = {
     "none": ("no cause found", "good"),
@@ -20,8 +15,6 @@ _BADGES: Final = {
     "unknown": ("cause unknown", "bad"),
     "partly_explained": ("partly explained", "warn"),
 }
-LABELS: Final = {verdict: label for verdict, (label, _) in _BADGES.items()}
-"""Verdict → text of its badge."""
 STYLES: Final = {verdict: colour for verdict, (_, colour) in _BADGES.items()}
 """How each verdict is coloured: good, warn or bad."""
 
@@ -77,28 +70,6 @@ def detectable_text(diagnosis: Diagnosis) -> str:
     return f"These flights would have shown: {', '.join(shown)}. What is smaller is not seen here."
 
 
-def leading(diagnosis: Diagnosis) -> list[Cause]:
-    """Return the causes, ordered by the share that each removes in flights held out."""
-    scores = {s.effect: s for s in diagnosis.candidates}
-
-    def removes(cause: Cause) -> tuple[float, float]:
-        score = scores.get(cause.effect)
-        if score is None or not score.excited:
-            return -math.inf, -math.inf
-        return (
-            score.gain if math.isfinite(score.gain) else -math.inf,
-            score.evidence if math.isfinite(score.evidence) else -math.inf,
-        )
-
-    return sorted(diagnosis.causes, key=removes, reverse=True)
-
-
-def changes(gain: Gain) -> bool:
-    """Return whether a channel's error changes by more than rounding, its interval included."""
-    ends = [abs(v) for v in (gain.reduction, gain.low, gain.high) if math.isfinite(v)]
-    return max(ends, default=1.0) >= _LEAST_CHANGE
-
-
 LEFTOVER_UNITS: Final = {"force": "N", "moment": "N m"}
 
 
@@ -117,14 +88,9 @@ def dependence_text(left: Leftover) -> str:
     return f"{' '.join(texts)} In per cent: how much of it is predicted in flights held out."
 
 
-def causes_title(verdict: str) -> str:
-    """Return the heading above the causes."""
-    return "What it may be" if verdict == "set" else "What it is"
-
-
 def badge(diagnosis: Diagnosis) -> str:
     """Return the verdict in a few words, with its confidence."""
-    return f"{LABELS[diagnosis.verdict]} · {certainty(diagnosis.confidence)}"
+    return f"{_BADGES[diagnosis.verdict][0]} · {certainty(diagnosis.confidence)}"
 
 
 def headline(
@@ -144,7 +110,7 @@ def headline(
         return "Something is wrong that no known effect explains"
     if diagnosis.verdict == "none":
         return f"{model} agrees with {data}"
-    return LABELS[diagnosis.verdict]
+    return _BADGES[diagnosis.verdict][0]
 
 
 def next_steps(diagnosis: Diagnosis) -> list[str]:
@@ -176,17 +142,3 @@ def next_steps(diagnosis: Diagnosis) -> list[str]:
             "fly what excites it (remarks in the table of candidates)."
         ]
     return steps
-
-
-def best_gains(diagnosis: Diagnosis, most: int = 3) -> list[Gain]:
-    """Return the channels that gained most, one entry each, most likely to matter first."""
-    best_of: dict[str, Gain] = {}
-
-    def certain(gain: Gain) -> tuple[bool, float]:
-        """Return the lower end of the reduction; gains with an interval come first."""
-        best = gain.low if math.isfinite(gain.low) else gain.reduction
-        return math.isfinite(gain.low), best if math.isfinite(best) else -math.inf
-
-    for gain in sorted(diagnosis.gain, key=certain, reverse=True):
-        best_of.setdefault(gain.channel, gain)
-    return [gain for gain in best_of.values() if gain.reduction > 0.0][:most]

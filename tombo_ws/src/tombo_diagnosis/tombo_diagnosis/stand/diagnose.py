@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary
 from tombo_diagnosis.engine.separation import separating_experiment
 from tombo_diagnosis.stand.analyse import StandAnalysis, analyse
 from tombo_diagnosis.stand.causes import estimate_cause, held_out, scores
-from tombo_diagnosis.stand.model_file import StandModel
 from tombo_diagnosis.stand.summary_text import notes, summary
-from tombo_diagnosis.stand.tables.assemble import StandData, assemble
+from tombo_diagnosis.stand.tables.assemble import assemble
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_diagnosis.stand.tables.table_reader import StandTable
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant, thrust_constant
 from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
+from tombo_flight.extended_model import Model
 from tombo_flight.progress import ProgressCallback
 
 ABSORBED_EFFECTS = ("thrust_coefficient", "drag_coefficient")
@@ -31,7 +31,7 @@ class StandDiagnosis:
     findings: StandAnalysis
     constant: ThrustConstant | None
     """Of a plain propeller."""
-    given: StandModel | None = None
+    given: Model | None = None
     """Model of earlier runs, that these were compared with."""
 
 
@@ -42,7 +42,7 @@ def diagnose_stand(
     plain: bool,
     on_progress: ProgressCallback,
     clock: Callable[[], float],
-    given: StandModel | None = None,
+    given: Model | None = None,
 ) -> StandDiagnosis:
     """Diagnose tables of a thrust stand, runs of one propeller or of several.
 
@@ -60,48 +60,48 @@ def diagnose_stand(
     """
     began = clock()
     on_progress("finding plateaus", 0.0)
-    data = assemble(tables, conf, law, plain)
+    points, found = assemble(tables, conf, law, plain)
     constant = None
-    if data.points.setup.plain and 0 in data.points.measured:
-        constant = thrust_constant(data, {t.name: t.rotor_speed for t in tables})
-    base = None if given is None else given.theta
-    runs = [_note(table) for table in tables]
-    diagnosis, findings = diagnose_points(data, runs, on_progress, constant, base)
-    return StandDiagnosis(replace(diagnosis, seconds=clock() - began), findings, constant, given)
-
-
-def diagnose_points(
-    data: StandData,
-    flights: Sequence[FlightSummary],
-    on_progress: ProgressCallback,
-    constant: ThrustConstant | None = None,
-    base: Mapping[str, tuple[float, ...]] | None = None,
-) -> tuple[Diagnosis, StandAnalysis]:
-    """Diagnose operating points."""
-    points = data.points
+    if points.setup.plain and 0 in points.measured:
+        constant = thrust_constant(points)
     on_progress("looking for causes", 0.1)
-    findings = analyse(points, ABSORBED_EFFECTS if points.setup.plain else (), base)
+    findings = analyse(points, ABSORBED_EFFECTS if points.setup.plain else (), _theta(given))
     on_progress("leaving out one block after the other", 0.4)
     gains, shares = held_out(findings)
     judgement = findings.judgement
-    causes = tuple(estimate_cause(e, findings) for e in judgement.effects)
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
-        causes=causes,
+        causes=tuple(estimate_cause(e, findings) for e in judgement.effects),
         set=judgement.members,
         separating_experiment=separating_experiment(judgement.members, STAND_EFFECTS),
         gain=tuple(gains),
-        prechecks=data.findings,
+        prechecks=found,
         candidates=scores(findings, shares),
-        flights=tuple(flights),
+        flights=tuple(_note(table) for table in tables),
         residuals=(),
         confidence=judgement.confidence,
-        summary=summary(findings, causes, gains, constant),
-        notes=notes(findings, causes, gains, constant),
+        summary=summary(findings, gains, constant),
+        notes=notes(findings, gains, constant),
         model=_model(points),
         vehicle="" if not points.setup.plain else "plain propeller",
+        seconds=clock() - began,
     )
-    return diagnosis, findings
+    return StandDiagnosis(diagnosis, findings, constant, given)
+
+
+def of_other_runs(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis with the causes that other runs have, too: those that are not random."""
+    lasting = tuple(c for c in diagnosis.causes if not STAND_EFFECTS[c.effect].stochastic)
+    return replace(diagnosis, causes=lasting)
+
+
+def _theta(given: Model | None) -> dict[str, tuple[float, ...]]:
+    """Return effect -> its parameters in a model of earlier runs."""
+    effects = {} if given is None else given.effects
+    return {
+        name: tuple(values.get(p.name, p.null) for p in STAND_EFFECTS[name].theta)
+        for name, values in effects.items()
+    }
 
 
 def _model(points: OperatingPoints) -> str:

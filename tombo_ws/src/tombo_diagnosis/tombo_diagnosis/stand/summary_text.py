@@ -6,22 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tombo_diagnosis.diagnosis import Cause
-from tombo_diagnosis.extend_model import EXTENDING_VERDICTS
 from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, StandAnalysis
-from tombo_diagnosis.stand.model_file import differences_from_model, model_extending_causes
-from tombo_diagnosis.stand.problem import RUN, SHARE, StandProblem
+from tombo_diagnosis.stand.problem import StandProblem
 from tombo_diagnosis.stand.tables.operating_points import UNITS
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant
-from tombo_diagnosis.wording import capital, counted, display_name
+from tombo_diagnosis.wording import counted, display_name
 from tombo_flight.extended_model import Gain
 
 
 def summary(
-    findings: StandAnalysis,
-    causes: Sequence[Cause],
-    gains: Sequence[Gain],
-    constant: ThrustConstant | None = None,
+    findings: StandAnalysis, gains: Sequence[Gain], constant: ThrustConstant | None = None
 ) -> str:
     """Return the verdict in a sentence or two."""
     judgement, best = findings.judgement, findings.search.best
@@ -52,11 +46,6 @@ def summary(
     if judgement.verdict == "named" and judgement.members:
         members = ", ".join(map(display_name, judgement.members))
         text += f" Besides it is one of {members}."
-    differences = differences_from_model(causes)
-    if differences:
-        text += f" {'; '.join(differences)}."
-    if {RUN, SHARE} & set(judgement.effects):
-        text += "".join(f" {capital(r)}." for r in repeats(findings.problem))
     if constant is not None:
         k = constant
         text = (
@@ -67,10 +56,7 @@ def summary(
 
 
 def notes(
-    findings: StandAnalysis,
-    causes: Sequence[Cause],
-    gains: Sequence[Gain],
-    constant: ThrustConstant | None = None,
+    findings: StandAnalysis, gains: Sequence[Gain], constant: ThrustConstant | None = None
 ) -> tuple[str, ...]:
     """Return the limits of the diagnosis, and why."""
     problem, points = findings.problem, findings.problem.points
@@ -84,8 +70,6 @@ def notes(
         lines += repeats(problem)
     else:
         lines.append("no propeller has two runs: what differs from day to day is not seen")
-    if findings.judgement.verdict in EXTENDING_VERDICTS and not model_extending_causes(causes):
-        lines.append("no stand_model.yaml: nothing was found that other runs would share")
     if len(points.propellers) < 3 and not points.setup.plain:
         lines.append(
             "fewer than three propellers: scatter of fabrication looks like a coefficient"

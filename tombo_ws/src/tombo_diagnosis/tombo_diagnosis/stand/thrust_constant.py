@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_diagnosis.stand.tables.assemble import StandData
+from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
 from tombo_dynamics.arrays import Array
 
 Numbers = NDArray[np.int64]
@@ -46,13 +46,9 @@ class ThrustConstant:
     """What limits it, the largest first."""
 
 
-def thrust_constant(data: StandData, rotor_speeds: dict[str, Array]) -> ThrustConstant:
-    """Return k_T of a plain propeller's points.
-
-    `rotor_speeds`: run -> (N, rotors) [rad/s] as recorded.
-    """
-    setup = data.points.setup
-    y = data.points.readings[:, 0]
+def thrust_constant(points: OperatingPoints) -> ThrustConstant:
+    """Return k_T of a plain propeller's points."""
+    setup, y = points.setup, points.readings[:, 0]
     known = np.isfinite(y) & (setup.speed > 0.0)
     x, y, run = setup.speed[known] ** 2, y[known], setup.run[known]
     elapsed = setup.elapsed[known]
@@ -63,23 +59,13 @@ def thrust_constant(data: StandData, rotor_speeds: dict[str, Array]) -> ThrustCo
     exponent = _exponent(np.sqrt(x), y)
     runs = {
         name: float(x[run == n] @ y[run == n]) / float(x[run == n] @ x[run == n])
-        for n, name in enumerate(data.points.runs)
+        for n, name in enumerate(points.runs)
         if (run == n).any()
     }
     limits = [
         Limit("chance between blocks of the run (half the interval)", 0.5 * (high - low) / k),
         Limit("zero: k_T with a free zero against one through standstill", abs(sloped / k - 1.0)),
     ]
-    up = _by_direction(x, y, run, elapsed)
-    if up is not None:
-        limits.append(Limit("way up against way down (half), after the lag is undone", up / k))
-    drift = [abs(p.standstill[1]) for p in data.runs if np.isfinite(p.standstill).all()]
-    if drift:
-        share = 0.5 * max(drift) / float(y.max())
-        limits.append(Limit("drift of the zero over the run (half)", share))
-    spread = _rotor_spread(rotor_speeds)
-    if spread > 0.0:
-        limits.append(Limit("rotors pull together: mean speed taken for mean square", spread))
     if len(runs) > 1:
         share = 0.5 * float(np.ptp(list(runs.values()))) / k
         limits.append(Limit("between runs (half the range)", share))
@@ -108,24 +94,3 @@ def _exponent(speed: Array, y: Array) -> float:
         return math.nan
     weight = y[good] / y[good].max()
     return float(np.polyfit(np.log(speed[good]), np.log(y[good]), 1, w=weight)[0])
-
-
-def _by_direction(x: Array, y: Array, run: Numbers, elapsed: Array) -> float | None:
-    """Return half the difference of k between the ways to and from the highest speed."""
-    rising = np.zeros(x.size, bool)
-    for n in np.unique(run):
-        of_run = run == n
-        rising |= of_run & (elapsed <= elapsed[of_run][np.argmax(x[of_run])])
-    if min(rising.sum(), (~rising).sum()) < 3:
-        return None
-    k = [float(x[m] @ y[m]) / float(x[m] @ x[m]) for m in (rising, ~rising)]
-    return 0.5 * abs(k[0] - k[1])
-
-
-def _rotor_spread(speeds: dict[str, Array]) -> float:
-    shares = []
-    for each in speeds.values():
-        if each.shape[1] > 1:
-            fast = each[each.mean(axis=1) > 0.5 * each.mean(axis=1).max()]
-            shares.append(float(np.mean(fast.var(axis=1) / fast.mean(axis=1) ** 2)))
-    return max(shares, default=0.0)

@@ -68,14 +68,15 @@ def run(
         InputError: a table, the mapping, the model, the configuration or the law can't be used.
     """
     from tombo_diagnosis.stand.diagnose import diagnose_stand
-    from tombo_diagnosis.stand.model_file import read_stand_model
     from tombo_diagnosis.stand.tables.table_reader import read_stand
     from tombo_dynamics.propeller import configuration, parameter_row
+    from tombo_dynamics.propeller.effects import STAND_EFFECTS
+    from tombo_flight.model_file import read_model
 
     number = _CONF if propeller.conf is None else propeller.conf
     formulas = _LAW if propeller.law is None else propeller.law
     parameter_row(configuration(number), formulas)
-    given = None if model is None else read_stand_model(Path(model))
+    given = None if model is None else read_model(Path(model), STAND_EFFECTS)
     read = []
     for k, path in enumerate(stand.tables):
         on_progress(f"reading {path.name}", k / len(stand.tables))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -16,32 +14,19 @@ from tombo_diagnosis.stand.tables.plateaus import Plateaus, plateaus
 from tombo_diagnosis.stand.tables.table_reader import StandTable
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller import (
-    RPM,
-    Configuration,
-    configuration,
-    nodus_moduli,
-    parameter_row,
-    valid_speed,
-)
+from tombo_dynamics.propeller import RPM, configuration, parameter_row, valid_speed
 from tombo_dynamics.propeller.effects import Setup, predict
-from tombo_dynamics.vehicle import GRAVITY
 
 _MIN_POINTS = 3
 """Points that are worth a diagnosis."""
+_MAX_THRUST_RATIO = 3.0
+"""Times the model's thrust, or its inverse, that no propeller of the paper shows."""
 
 
-@dataclass(frozen=True, eq=False)
-class StandData:
-    """The points to diagnose, with their runs and findings."""
-
-    points: OperatingPoints
-    runs: tuple[Plateaus, ...]
-    findings: tuple[Finding, ...]
-
-
-def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = False) -> StandData:
-    """Join runs.
+def assemble(
+    tables: Sequence[StandTable], conf: int, law: str, plain: bool = False
+) -> tuple[OperatingPoints, tuple[Finding, ...]]:
+    """Return the operating points of runs, and the findings of their tables.
 
     Args:
         tables: as recorded.
@@ -69,13 +54,9 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
     if plain:
         readings[:, 2] = np.nan
         rows = _constants(speed, readings, propeller)
-        moduli = np.full(len(propellers), np.nan)
     else:
-        known = {c: configuration(c) for c in every.conf.unique().tolist()}
-        rows = np.stack([parameter_row(known[c], law) for c in every.conf])
-        moduli = (
-            every.drop_duplicates("propeller").conf.map(lambda c: stiffness(known[c])).to_numpy()
-        )
+        row_of = {c: parameter_row(configuration(c), law) for c in every.conf.unique().tolist()}
+        rows = np.stack([row_of[c] for c in every.conf])
         for table, each in zip(tables, described, strict=True):
             findings += _above_valid_speed(table.name, each, law)
     setup = Setup(
@@ -91,14 +72,12 @@ def assemble(tables: Sequence[StandTable], conf: int, law: str, plain: bool = Fa
         largest_thrust=_largest(readings[:, 0], 1.0),
         largest_torque=_largest(readings[:, 1], 0.03),
     )
-    points = OperatingPoints(
-        setup, readings, np.concatenate([p.sigma for p in parts]), tuple(runs), tuple(propellers),
-        moduli,
-    )  # fmt: skip
+    sigma = np.concatenate([p.sigma for p in parts])
+    points = OperatingPoints(setup, readings, sigma, tuple(runs), tuple(propellers))
     if not plain:
-        check_scale(points, tables, [p.speed.size for p in parts])
+        _check_scale(points, tables, np.repeat(np.arange(len(parts)), [len(d) for d in described]))
         _check_enough(points, tables)
-    return StandData(points, tuple(parts), tuple(findings))
+    return points, tuple(findings)
 
 
 def _described(table: StandTable, part: Plateaus, conf: int, plain: bool) -> pd.DataFrame:
@@ -129,10 +108,7 @@ def _described(table: StandTable, part: Plateaus, conf: int, plain: bool) -> pd.
 def _refuse_twice(tables: Sequence[StandTable]) -> None:
     for k, table in enumerate(tables):
         for other in tables[:k]:
-            if table.channels.keys() == other.channels.keys() and all(
-                np.array_equal(v, other.channels[c], equal_nan=True)
-                for c, v in table.channels.items()
-            ):
+            if pd.DataFrame(dict(table.channels)).equals(pd.DataFrame(dict(other.channels))):
                 raise InputError(
                     f"{table.source} holds the same numbers as {other.source}: counted twice they "
                     "look surer than they are; accepted: each run once"
@@ -160,25 +136,19 @@ def _check_enough(points: OperatingPoints, tables: Sequence[StandTable]) -> None
 
 def _configurations(values: Array, table: StandTable, plain: bool) -> NDArray[np.int64]:
     """Return a table's column of configurations, checked; of plain propellers whole numbers."""
-    column = table.mapping.channels["conf"].columns[0]
+    where = f"{table.source}: column '{table.mapping.channels['conf'].columns[0]}'"
     wrong = values[~np.isfinite(values) | (values != np.round(values))]
     if wrong.size:
         raise InputError(
-            f"{table.source}: column '{column}' has {wrong[0]:g}; accepted: whole numbers, a "
-            "configuration each"
+            f"{where} has {wrong[0]:g}; accepted: whole numbers, a configuration each"
         )
     numbers = values.astype(np.int64)
     for c in np.unique(numbers) if not plain else ():
         try:
             configuration(int(c))
         except InputError as error:
-            raise InputError(f"{table.source}: column '{column}': {error}") from error
+            raise InputError(f"{where}: {error}") from error
     return numbers
-
-
-def stiffness(conf: Configuration) -> float:
-    """Return the shear modulus of a configuration's nodus [MPa]; NaN: rigid."""
-    return math.nan if conf.rigid else nodus_moduli(conf).G_N_MPa
 
 
 def _largest(values: Array, default: float) -> float:
@@ -218,67 +188,29 @@ def _above_valid_speed(name: str, points: pd.DataFrame, law: str) -> list[Findin
     return findings
 
 
-_MAX_THRUST_RATIO = 3.0
-"""Times the model's thrust, or its inverse, that no propeller of the paper shows."""
-_MAX_SLIP_RATIO = 1.6
-_UNIT_SLIPS = {
-    "grams read as newtons": 1e3 / GRAVITY,
-    "rad/s read as rpm": RPM**-2,
-    "rpm read as rad/s": RPM**2,
-    "Hz read as rpm": 3600.0,
-    "millinewtons read as newtons": 1e3,
-    "kilograms read as newtons": 1.0 / GRAVITY,
-    "four rotors on one cell (`rotors: 4` in --mapping)": 4.0,
-}
-"""Mistake of units -> factor by which thrust at equal speed is then too large."""
-
-
-def check_scale(
-    points: OperatingPoints, tables: Sequence[StandTable], sizes: Sequence[int]
+def _check_scale(
+    points: OperatingPoints, tables: Sequence[StandTable], number: NDArray[np.intp]
 ) -> None:
-    """Refuse a thrust that is nowhere near the model's.
-
-    `points` are those of all tables, one after the other; `sizes` are how many points each has.
+    """Refuse a thrust that is nowhere near the model's; `number` (N,) is each point's table.
 
     Raises:
-        InputError: a table's thrust is three times the model's or a third of it; names column,
-            factor and the slips that would do it.
+        InputError: a table's thrust and its rise are three times the model's or a third of it.
     """
-    model = predict(points.setup, {})[:, 0]
-    ends = np.cumsum([0, *sizes])
-    for table, low, high in zip(tables, ends[:-1], ends[1:], strict=True):
-        speed, y = points.setup.speed[low:high], points.readings[low:high, 0]
-        fast = np.isfinite(y) & np.isfinite(model[low:high]) & (speed > 0.0)
-        fast &= speed > 0.5 * float(speed[fast].max(initial=0.0))
-        if not fast.any():
+    model, y = predict(points.setup, {})[:, 0], points.readings[:, 0]
+    for k, table in enumerate(tables):
+        known = np.isfinite(y) & np.isfinite(model) & (number == k)
+        x = model[known]
+        if not x.any():
             continue
-        times = float(np.median(y[fast] / model[low:high][fast]))
-        if any(
-            1.0 / _MAX_THRUST_RATIO < t < _MAX_THRUST_RATIO
-            for t in (times, _rise(y, model[low:high], times))
-        ):
-            continue
-        slips = [
-            name
-            for name, size in _UNIT_SLIPS.items()
-            if times > 0.0 and abs(math.log(times / size)) < math.log(_MAX_SLIP_RATIO)
-        ]
-        guess = f"as with {' or '.join(slips)}" if slips else "another propeller? (--plain)"
-        where = table.mapping.channels["thrust"]
-        raise InputError(
-            f"{table.source}: column '{where.columns[0]}' as {where.unit} is {times:.3g} times "
-            f"the model's thrust, {guess}; accepted: {1.0 / _MAX_THRUST_RATIO:.2g} to "
-            f"{_MAX_THRUST_RATIO:g} times"
-        )
-
-
-def _rise(y: Array, model: Array, times: float) -> float:
-    """Return how many times the model's rise with speed a thrust y has; the zero may be off.
-
-    Both are (N,) [N]; `times` is returned where thrust hardly changes.
-    """
-    known = np.isfinite(y) & np.isfinite(model)
-    x = model[known]
-    if x.size < 3 or np.ptp(x) < 0.5 * float(np.abs(x).max()):
-        return times
-    return float(np.polyfit(x, y[known], 1)[0])
+        fast = x > 0.25 * x.max()
+        ratios = [float(np.median(y[known][fast] / x[fast]))]
+        if x.size >= _MIN_POINTS and np.ptp(x) > 0.5 * np.abs(x).max():  # the zero may be off
+            ratios.append(float(np.polyfit(x, y[known], 1)[0]))
+        if not any(1.0 / _MAX_THRUST_RATIO < times < _MAX_THRUST_RATIO for times in ratios):
+            where = table.mapping.channels["thrust"]
+            raise InputError(
+                f"{table.source}: column '{where.columns[0]}' as {where.unit} is {ratios[0]:.3g} "
+                f"times the model's thrust; accepted: {1.0 / _MAX_THRUST_RATIO:.2g} to "
+                f"{_MAX_THRUST_RATIO:g} times: are the units of thrust and speed right, and the "
+                "number of rotors on the cell (`rotors` in --mapping)? Another propeller: --plain"
+            )

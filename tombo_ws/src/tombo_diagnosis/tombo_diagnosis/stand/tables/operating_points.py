@@ -27,8 +27,6 @@ class OperatingPoints:
     """Names of the runs."""
     propellers: tuple[str, ...]
     """Names of the propellers."""
-    stiffness: Array
-    """(P,) shear modulus of each propeller's nodus [MPa]; NaN: rigid or not known."""
 
     @property
     def count(self) -> int:

@@ -37,8 +37,6 @@ class Plateaus:
     elapsed: Array
     first_row: Array
     """Where it begins in the recording."""
-    standstill: tuple[float, float]
-    """Thrust at standstill before and after [N], the first one before taring; NaN: none."""
     findings: tuple[Finding, ...]
 
 
@@ -48,20 +46,14 @@ def plateaus(table: StandTable) -> Plateaus:
     speed = table.channels["speed"]
     findings: list[Finding] = []
     still = stands(speed)
-    before = _leading(still)
+    before = int(still.size if still.all() else np.argmin(still))
     known = "applied_thrust" in table.channels or "applied_torque" in table.channels
-    ends = [math.nan, math.nan]
-    if "thrust" in channels and before and not known:
-        ends[0] = float(np.median(channels["thrust"][:before]))
     if table.mapping.tare == "start" and before >= 3 and not known:
         for name in ("thrust", "torque"):
             if name in channels:
                 channels[name] -= float(np.median(channels[name][:before]))
         text = f"zero is that of {before} rows at standstill"
         findings.append(Finding("tare", "info", table.name, text))
-    after = _leading(still[::-1])
-    if "thrust" in channels and after and before < still.size:
-        ends[1] = float(np.median(channels["thrust"][-after:]))
     raw = is_recording(speed)
     lag = _lag(channels, speed) if raw else 0
     if lag:
@@ -83,16 +75,9 @@ def plateaus(table: StandTable) -> Plateaus:
     at, readings, sigma, first = _averages(channels, speed, parts)
     keep, outliers = _outliers(at, readings, table.name)
     at, readings, sigma, first = (each[keep] for each in (at, readings, sigma, first))
-    keep, changed = without_changed(table, at, readings, first)
-    at, readings, sigma, first = (each[keep] for each in (at, readings, sigma, first))
     sigma = _with_noise(at, readings, sigma, table, raw)
     elapsed = first / max(speed.size - 1, 1)
-    all_findings = (*findings, *outliers, *changed)
-    return Plateaus(at, readings, sigma, elapsed, first, (ends[0], ends[1]), all_findings)
-
-
-def _leading(still: NDArray[np.bool_]) -> int:
-    return int(still.size if still.all() else np.argmin(still))
+    return Plateaus(at, readings, sigma, elapsed, first, (*findings, *outliers))
 
 
 def _lag(channels: dict[str, Array], speed: Array) -> int:
@@ -234,123 +219,3 @@ def _with_noise(
                 usual = max(1.4826 * float(np.median(off)) / math.sqrt(1.5), 1e-4 * largest)
         out[:, c] = np.maximum(out[:, c], usual)
     return np.maximum(out, 1e-12)
-
-
-_MIN_STEP_POINTS = 20
-_MIN_POINTS_EACH_SIDE = 5
-"""Points on either side, at speeds that the other side has as well."""
-_MIN_STEP_SHARE = 0.025
-"""Share of thrust."""
-_MIN_STEP_SIGMAS = 6.5
-"""Standard deviations, the best of all places."""
-_MAX_SQUARES_LEFT_SHARE = 0.4
-"""Share of the squares that may be left: a smooth drift is followed by no single step."""
-_MIN_INDEPENDENT_SHARE = 0.2
-"""Share of the step (root of its squares) that curve, drift and direction can't explain."""
-
-
-@dataclass(frozen=True)
-class Step:
-    """A sudden change within a run."""
-
-    at: int
-    """First point after it."""
-    size: float
-    """Share by which the load at equal speed changes."""
-
-
-def find_step(speed: Array, load: Array, elapsed: Array) -> Step | None:
-    """Return the step of a load within a run, or None.
-
-    All are (N,): `speed` [rad/s], `load` thrust or torque (NaN: not measured), and rising
-    `elapsed`, time or rows.
-    """
-    known = np.flatnonzero(np.isfinite(load) & (speed > 0.15 * float(speed.max(initial=0.0))))
-    if known.size < _MIN_STEP_POINTS:
-        return None
-    w = speed[known] / float(speed[known].max())
-    y, t = load[known], elapsed[known]
-    span = float(t[-1] - t[0])
-    if not span > 0.0 or not np.any(y):
-        return None
-    base = _without_step(w, 2.0 * (t - t[0]) / span - 1.0)
-    q, _ = np.linalg.qr(base)
-    left = y - q @ (q.T @ y)
-    best, step_of_best = 0.0, None
-    free = known.size - base.shape[1] - 1
-    before = float(left @ left)
-    for at in range(_MIN_POINTS_EACH_SIDE, known.size - _MIN_POINTS_EACH_SIDE + 1):
-        if not _comparable(w, at):
-            continue
-        step = np.where(np.arange(known.size) >= at, w**2, 0.0)
-        unexplained = step - q @ (q.T @ step)
-        square = float(unexplained @ unexplained)
-        if square < _MIN_INDEPENDENT_SHARE**2 * float(step @ step):
-            continue
-        size = float(unexplained @ left) / square
-        after = before - size**2 * square
-        sure = abs(size) * np.sqrt(square / max(after / free, 1e-300))
-        # As a share of the load at equal speed before it.
-        first = float(np.sum(y[:at] * w[:at] ** 2) / np.sum(w[:at] ** 4))
-        share = size / first if first > 0.0 else 0.0
-        if (
-            sure > max(best, _MIN_STEP_SIGMAS)
-            and after < _MAX_SQUARES_LEFT_SHARE * before
-            and abs(share) > _MIN_STEP_SHARE
-        ):
-            best, step_of_best = sure, Step(int(known[at]), share)
-    return step_of_best
-
-
-def _without_step(w: Array, t: Array) -> Array:
-    """Return the regular variations: a curve over speed, a smooth drift, the way up or down."""
-    u = w**2
-    slope = np.gradient(np.convolve(np.pad(w, 1, mode="edge"), np.ones(3) / 3.0, "valid"))
-    way = np.sign(np.where(np.abs(slope) > 0.2 * np.abs(slope).max(initial=0.0), slope, 0.0))
-    columns = [np.ones(w.size), w, u, u * w, u**2, t, t * u, t**2 * u, t**3 * u, way * w, way * u]
-    return np.column_stack([c for c in columns if np.ptp(c) > 0.0 or c is columns[0]])
-
-
-def _comparable(w: Array, at: int) -> bool:
-    """Return whether both sides of a place have enough points at common speeds."""
-    first, second = w[:at], w[at:]
-    low, high = max(first.min(), second.min()), min(first.max(), second.max())
-    if high - low < 0.25 * float(np.ptp(w)):
-        return False
-    both = [int(np.count_nonzero((s >= low) & (s <= high))) for s in (first, second)]
-    return min(both) >= _MIN_POINTS_EACH_SIDE
-
-
-def without_changed(
-    table: StandTable, speed: Array, readings: Array, first: Array
-) -> tuple[NDArray[np.bool_], list[Finding]]:
-    """Return which points to keep where runs change midway, and say so: the longer side.
-
-    `speed` (N,) [rad/s], `readings` (N, 4); `first` (N,) is the row at which each begins.
-    """
-    keep = np.ones(speed.size, bool)
-    findings: list[Finding] = []
-    rows = first.astype(int)
-    keys = [table.channels[k][rows] for k in ("conf", "run", "propeller") if k in table.channels]
-    group = np.zeros(speed.size, np.int64)
-    if keys and speed.size:
-        group = np.unique(np.column_stack(keys), axis=0, return_inverse=True)[1].reshape(-1)
-    for g in np.unique(group):
-        members = np.flatnonzero(group == g)
-        for c, name in enumerate(("thrust", "torque")):
-            step = find_step(speed[members], readings[members, c], first[members])
-            if step is None:
-                continue
-            after = np.arange(members.size) >= step.at
-            lost = after if after.sum() <= members.size / 2 else ~after
-            keep[members[lost]] = False
-            k = members[step.at]
-            side = "higher" if step.size > 0.0 else "lower"
-            text = (
-                f"from row {rows[k] + 1} on ({speed[k] / RPM:.0f} rpm) {name} is "
-                f"{100.0 * abs(step.size):.0f} % {side} at equal speed: propeller or mount "
-                f"changed; the shorter part, {lost.sum()} points, is set apart"
-            )
-            findings.append(Finding("change", "fault", table.name, text, channel=name))
-            break
-    return keep, findings

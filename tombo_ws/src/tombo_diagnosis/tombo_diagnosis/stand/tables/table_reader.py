@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -51,8 +51,6 @@ CHANNELS: Mapping[str, str] = {
     "conf": "1",
     "run": "1",
     "propeller": "1",
-    "thrust_coefficient": "1",
-    "power_coefficient": "1",
 }
 """Channel -> its unit here."""
 MULTI_COLUMN_CHANNELS = ("speed", "reference_speed")
@@ -78,8 +76,6 @@ _NAMES = {
     "conf": ("conf", "configuration"),
     "run": ("run", "repeat"),
     "propeller": ("propeller", "specimen"),
-    "thrust_coefficient": ("ct",),
-    "power_coefficient": ("cp",),
 }  # fmt: skip
 _HEADING = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _OTHERS = ("rpm", "rad_s", "Hz", "deg", "rad", "V", "A", "W", "mW", "s", "ms")
@@ -198,7 +194,7 @@ def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
                 )
         factor(unit, CHANNELS[channel], f"column '{column}' of '{path}'")
         channels[channel] = ChannelMap((column,), unit)
-    if "speed" not in channels or not {"thrust", "torque", *_COEFFICIENTS} & set(channels):
+    if "speed" not in channels or not {"thrust", "torque"} & set(channels):
         lacking = "speed" if "speed" not in channels else "thrust or torque"
         raise InputError(
             f"'{path}': no column for {lacking} among {', '.join(columns)[:200]}; accepted: names "
@@ -227,58 +223,16 @@ def _split(column: str) -> tuple[str, str]:
     return name, SPELLINGS.get(unit, unit)
 
 
-_COEFFICIENTS = ("thrust_coefficient", "power_coefficient")
-_AIR_DENSITY_KG_M3 = 1.225
-"""kg/m^3, of the standard atmosphere: coefficients have the density of their day taken out."""
-_SIZE = re.compile(r"(?<![\d.])(\d{1,2}(?:\.\d+)?)x\d")
-"""A propeller in a file's name, as 10x4.7: diameter and pitch in inches."""
-_INCH_M = 0.0254
-
-
-def _loads_of_coefficients(
-    channels: dict[str, Array], diameter_mm: float, path: Path
-) -> tuple[dict[str, Array], list[Finding]]:
-    """Return channels with the loads of the coefficients of thrust and power.
-
-    T = C_T rho n^2 D^4 and Q = C_P rho n^2 D^5 / (2 pi), with n in turns per second.
-
-    Raises:
-        InputError: the diameter is not known.
-    """
-    if not set(_COEFFICIENTS) & set(channels):
-        return channels, []
-    named = _SIZE.search(path.name)
-    d = 1e-3 * diameter_mm or (_INCH_M * float(named[1]) if named else 0.0)
-    if not d:
-        raise InputError(
-            f"'{path}': coefficients C_T and C_P, and no diameter; accepted: diameter_mm in "
-            "--mapping, or a name with diameter and pitch in inches, as apcsf_10x4.7.txt"
-        )
-    loads = dict(channels)
-    pressure = _AIR_DENSITY_KG_M3 * (channels["speed"] / (2.0 * math.pi)) ** 2
-    if (c_t := loads.pop("thrust_coefficient", None)) is not None:
-        loads.setdefault("thrust", c_t * pressure * d**4)
-    if (c_p := loads.pop("power_coefficient", None)) is not None:
-        loads.setdefault("torque", c_p * pressure * d**5 / (2.0 * math.pi))
-    text = (
-        f"loads are of C_T and C_P, with a diameter of {1e3 * d:.4g} mm and air of "
-        f"{_AIR_DENSITY_KG_M3} kg/m3"
-    )
-    return loads, [Finding("coefficients", "info", path.name.split(".")[0], text)]
-
-
 _MAX_STANDSTILL_SHARE = 0.002
 """Share of the highest speed below which the rotor stands."""
 _MIN_RECORDING_ROWS = 60
 """A table with more rows than this whose speed hardly moves from row to row is a recording."""
 _MAX_RECORDING_STEP_SHARE = 0.004
 """Share of the highest speed: the largest median step of a recording."""
-_MIN_TURNING_LOAD_SHARE = 0.1
-"""Share of the loads' range over the load at standstill with which a rotor turns."""
-_MIN_LOAD_DIFFERENCE_SHARE = 0.02
-"""The same of rows before the start, which stand alike."""
 _SPEED_OF_SOUND_M_S = 340.0
 _MAX_TIP_MACH = 0.95
+_MAX_SPEED_RAD_S = 1.2e4
+"""Of propellers whose diameter is not known."""
 _MIN_TOP_SPEED_RAD_S = 20.0
 """rad/s: a stand that never turns faster has its unit wrong."""
 _PER_ROTOR = ("thrust", "torque", "applied_thrust", "applied_torque", "thrust_sigma")
@@ -293,8 +247,6 @@ class StandTable:
     mapping: StandMapping
     channels: Mapping[str, Array]
     """Name -> (N,); speed is the root of the rotors' mean square, loads are by rotor."""
-    rotor_speed: Array
-    """(N, rotors measured) rad/s."""
     findings: tuple[Finding, ...]
 
     @property
@@ -333,26 +285,17 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
     findings = [Finding("table", "warning", name, d) for d in (*table.damage, *damage)]
     findings += [Finding("table", "info", name, remark) for remark in table.remarks]
     channels: dict[str, Array] = {}
-    rotor_speed: Array = np.zeros((0, 0))
     for key, where in chosen.channels.items():
         scale = where.factor(CHANNELS[key], f"{key} of '{path}'")
         columns = np.column_stack([scale * numbers[c] for c in where.columns])
         if key in ("speed", "reference_speed"):
             if key == "speed":
-                columns, glitches = _without_glitches(columns, name, where.columns)
+                # a rotor that turns the other way may have negative speeds
+                columns, glitches = _without_glitches(np.abs(columns), name, where.columns)
                 findings += glitches
-                rotor_speed = columns
             channels[key] = np.sqrt(np.mean(columns**2, axis=1))
         else:
             channels[key] = columns[:, 0] / (chosen.rotors if key in _PER_ROTOR else 1)
-    channels, remarks = _loads_of_coefficients(channels, chosen.diameter_mm, path)
-    findings += remarks
-    columns_of_loads = {
-        load: chosen.channels[coefficient]
-        for load, coefficient in zip(("thrust", "torque"), _COEFFICIENTS, strict=True)
-        if coefficient in chosen.channels
-    }
-    chosen = replace(chosen, channels=columns_of_loads | dict(chosen.channels))
     rows = np.isfinite(channels["speed"])
     loads = [channels[c] for c in ("thrust", "torque") if c in channels]
     if not loads:
@@ -369,28 +312,11 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
             f"'{path}': {int(rows.sum())} rows with numbers in speed and a load; accepted: 3 or "
             f"more with {', '.join(wanted)}"
         )
-    rows, dropouts = _without_dropouts(channels, rows, name)
-    findings += dropouts
     channels = {key: values[rows] for key, values in channels.items()}
     source = f"{path} ({chosen.name})"
-    result = StandTable(name, source, chosen, channels, rotor_speed[rows], tuple(findings))
+    result = StandTable(name, source, chosen, channels, tuple(findings))
     _check_plausible(result, path)
-    _check_deviations(result, path)
     return result
-
-
-def _check_deviations(table: StandTable, path: Path) -> None:
-    """Refuse standard deviations that are not positive numbers."""
-    for key in ("thrust_sigma", "torque_sigma"):
-        values = table.channels.get(key, np.ones(1))
-        bad = np.flatnonzero(~(np.isfinite(values) & (values > 0.0)))
-        if bad.size:
-            where = table.mapping.channels[key]
-            scale = where.factor(CHANNELS[key], key)
-            raise InputError(
-                f"'{path}': column '{where.columns[0]}' has {values[bad[0]] / scale:g} in row "
-                f"{bad[0] + 1}; accepted: numbers above 0, the noise's standard deviation"
-            )
 
 
 def _without_glitches(
@@ -428,83 +354,53 @@ def is_recording(speed: Array) -> bool:
     return speed.size > _MIN_RECORDING_ROWS and float(np.median(steps)) < _MAX_RECORDING_STEP_SHARE
 
 
-def _without_dropouts(
-    channels: Mapping[str, Array], rows: NDArray[np.bool_], name: str
-) -> tuple[NDArray[np.bool_], list[Finding]]:
-    """Leave out operating points at 0 rpm whose load lies on that of a turning rotor."""
-    load = channels.get("thrust", channels.get("torque", np.zeros(0)))
-    speed, y = channels["speed"][rows], load[rows]
-    still = stands(speed)
-    known = np.isfinite(y) & ~still
-    if is_recording(speed) or not still.any() or known.sum() < 3:
-        return rows, []
-    # the load is a zero and a share of the square of speed
-    k, zero = np.polyfit(speed[known] ** 2, y[known], 1)
-    share = np.sign(k) * (y - zero) / max(float(np.ptp(y[known])), 1e-12)
-    first = int(np.argmin(still))
-    lost = still & (share > _MIN_TURNING_LOAD_SHARE)
-    lost[:first] |= share[:first] > share[:first].min(initial=np.inf) + _MIN_LOAD_DIFFERENCE_SHARE
-    if not lost.any():
-        return rows, []
-    kept = rows.copy()
-    kept[np.flatnonzero(rows)[lost]] = False
-    text = f"0 rpm in {lost.sum()} rows whose load says that the rotor turns; left out"
-    return kept, [Finding("speed_dropout", "warning", name, text, channel="speed")]
-
-
 def _check_plausible(table: StandTable, path: Path) -> None:
-    """Refuse a tip faster than sound, a rotor that never turns, a wrong sign, a large angle."""
-    where, speed = table.mapping.channels, table.channels["speed"]
-    column, unit = where["speed"].columns[0], where["speed"].unit
-    if (speed < 0.0).any() or (table.rotor_speed < 0.0).any():
-        raise InputError(
-            f"'{path}': column '{column}' has negative speeds; accepted: 0 and above ({unit})"
-        )
-    top = float(speed.max())
-    if table.mapping.model == "tombo":
-        radius, most = 0.1111, SPEED_LIMIT
-    else:
+    """Refuse values that can't be what they are said to be.
+
+    Raises:
+        InputError: a tip faster than sound, a rotor that never turns, a load that falls with
+            speed, an angle above 90 degrees, or a standard deviation that is none.
+    """
+    channels = table.channels
+    most = SPEED_LIMIT
+    if table.mapping.model == "plain":
         radius = 0.5e-3 * table.mapping.diameter_mm
-        most = _MAX_TIP_MACH * _SPEED_OF_SOUND_M_S / radius if radius else 1.2e4
-    if top > most:
-        mach = f", tip at Mach {top * radius / _SPEED_OF_SOUND_M_S:.1f}" if radius else ""
-        raise InputError(
-            f"'{path}': column '{column}' reaches {top / RPM:.0f} rpm as {unit}{mach}; accepted: "
-            f"up to {most / RPM:.0f} rpm: is the unit right (rpm, rad/s, Hz), or the pole count?"
-        )
-    if top < _MIN_TOP_SPEED_RAD_S:
-        raise InputError(
-            f"'{path}': column '{column}' never passes {top / RPM:.0f} rpm as {unit}; accepted: "
-            f"above {_MIN_TOP_SPEED_RAD_S / RPM:.0f} rpm: is the unit right (rpm, rad/s, Hz)?"
-        )
+        most = _MAX_TIP_MACH * _SPEED_OF_SOUND_M_S / radius if radius else _MAX_SPEED_RAD_S
+    top = float(channels["speed"].max())
+    if not _MIN_TOP_SPEED_RAD_S <= top <= most:
+        _refuse(
+            table, path, "speed", f"reaches {top / RPM:.0f} rpm",
+            f"{_MIN_TOP_SPEED_RAD_S / RPM:.0f} to {most / RPM:.0f} rpm: is the unit right (rpm, "
+            "rad/s, Hz), or the pole count?",
+        )  # fmt: skip
     for key in ("thrust", "torque"):
-        if key in table.channels:
-            _check_sign(table, key, path)
-    beta = table.channels.get("beta")
-    if beta is not None and np.nanmax(np.abs(beta), initial=0.0) > 0.5 * math.pi:
-        c = where["beta"]
-        largest = float(np.nanmax(np.abs(beta)))
-        raise InputError(
-            f"'{path}': column '{c.columns[0]}' reaches {math.degrees(largest):.0f} degrees as "
-            f"{c.unit}; accepted: below 90: is the unit right (deg, rad)?"
-        )
+        if key in channels and _rise(channels["speed"] ** 2, channels[key]) < 0.0:
+            _refuse(
+                table, path, key, "falls with speed",
+                f"{key} that rises; of a cell mounted the other way round give `sign: -1` in "
+                "--mapping",
+            )  # fmt: skip
+    angle = float(np.nanmax(np.abs(channels.get("beta", np.zeros(1))), initial=0.0))
+    if angle > 0.5 * math.pi:
+        accepted = "below 90: is the unit right (deg, rad)?"
+        _refuse(table, path, "beta", f"reaches {math.degrees(angle):.0f} degrees", accepted)
+    for key in ("thrust_sigma", "torque_sigma"):
+        if key in channels and not (channels[key] > 0.0).all():
+            accepted = "numbers above 0, the noise's standard deviation"
+            _refuse(table, path, key, f"has {np.nanmin(channels[key]):g}", accepted)
 
 
-def _check_sign(table: StandTable, key: str, path: Path) -> None:
-    values, square = table.channels[key], table.channels["speed"] ** 2
-    known = np.isfinite(values)
-    if known.sum() < 3:
-        return
-    high = square[known] > 0.5 * square[known].max()
-    low = square[known] < 0.05 * square[known].max()
-    level = float(np.median(values[known][low])) if low.any() else 0.0
-    rise = float(np.median(values[known][high])) - level
-    if low.all() or high.all():
-        rise = float(np.median(values[known]))  # one speed: its sign is all there is
-    if rise < 0.0:
-        column = table.mapping.channels[key].columns[0]
-        raise InputError(
-            f"'{path}': column '{column}' falls with speed, to {rise:.3g} "
-            f"{'N' if key == 'thrust' else 'N m'} by rotor; accepted: {key} that rises; of a cell "
-            "mounted the other way round give `sign: -1` in --mapping"
-        )
+def _refuse(table: StandTable, path: Path, key: str, wrong: str, accepted: str) -> None:
+    where = table.mapping.channels[key]
+    raise InputError(
+        f"'{path}': column '{where.columns[0]}' {wrong} as {where.unit}; accepted: {accepted}"
+    )
+
+
+def _rise(square: Array, load: Array) -> float:
+    """Return the rise of a load with the square of speed; of a single speed the load itself."""
+    known = np.isfinite(load)
+    x, y = square[known], load[known]
+    if x.size < 3 or np.ptp(x) < 0.1 * x.max():
+        return float(np.median(y)) if x.size else 0.0
+    return float(np.polyfit(x, y, 1)[0])
