@@ -57,7 +57,7 @@ class Lab:
             if given["system"] is None:
                 place = mocap.topic if mocap.system == ROS else mocap.host
                 values |= {"system": mocap.system, "host": place}
-            for name in ("body", "bodies", "up", "nose", "frame", "delay"):
+            for name in ("body", "bodies", "up", "nose", "delay"):
                 if given[name] is None:
                     values[name] = getattr(mocap, name)
             values["options"] = [*mocap.options.split(), *(given["options"] or [])]

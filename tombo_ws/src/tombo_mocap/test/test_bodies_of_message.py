@@ -9,7 +9,7 @@ from tombo_dynamics.errors import InputError
 from tombo_mocap.sources import bodies_of_message
 
 _P, _Q = Message(x=1.0, y=2.0, z=3.0), Message(x=0.0, y=0.0, z=0.6, w=0.8)
-_HEADER = Message(stamp=5, frame_id="world")
+_HEADER = Message(stamp=5)
 _POSE = Message(position=_P, orientation=_Q)
 _TRANSFORM = Message(translation=_P, rotation=_Q)
 _MESSAGES = {
@@ -42,13 +42,6 @@ def test_every_type_gives_the_pose(typename):
     assert body.name in ("tombo", "")
     np.testing.assert_array_equal(body.position, [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(body.attitude, [0.0, 0.0, 0.6, 0.8])
-
-
-@pytest.mark.parametrize("typename", _MESSAGES)
-def test_another_frame_is_left_out(typename):
-    message = _MESSAGES[typename]
-    assert bodies_of_message(typename, int, "map")(message) == []
-    assert len(bodies_of_message(typename, int, "world")(message)) == 1
 
 
 def test_a_type_without_poses_is_refused_with_those_that_have():

@@ -62,7 +62,6 @@ def test_the_named_body_is_taken_among_others():
 def test_several_bodies_without_a_name_are_not_guessed():
     poses = TrackedPoses(MocapParams())
     assert poses.poses([body(name="wand"), body()]) == []
-    assert poses.ambiguous
     assert poses.names == {"wand", "tombo"}
 
 

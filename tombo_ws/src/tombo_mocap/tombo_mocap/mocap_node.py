@@ -55,7 +55,7 @@ class TopicFrames:
             self.fault = f"nobody publishes {topic}"
             return
         try:
-            self._bodies = bodies_of_message(types[0], to_ns, self._params.frame)
+            self._bodies = bodies_of_message(types[0], to_ns)
             spec = TopicSpec(topic, types[0], SENSOR, 0.0, "poses of a driver")
             self._subscription = self._node.subscribe(spec)
         except (InputError, ImportError) as error:

@@ -30,7 +30,6 @@ class MocapParams:
     host: str = plain("", "address of the motion-capture computer; of vrpn HOST:PORT")
     options: str = plain("", "KEY=VALUE of libmotioncapture, with spaces between them")
     topic: str = plain("", "of system ros: the driver's topic")
-    frame: str = plain("", "of system ros: frame_id that a pose must have; empty: any")
     body: str = plain("", "name of the rigid body; empty: the only one there is")
     bodies: str = plain(
         "", "names of several vehicles' rigid bodies, with spaces: the first is that of v1"

@@ -116,14 +116,13 @@ def _bodies_of_line(line: bytes) -> list[TrackedBody]:
 
 
 def bodies_of_message(
-    typename: str, to_ns: Callable[[Any], int], frame: str = ""
+    typename: str, to_ns: Callable[[Any], int]
 ) -> Callable[[Any], list[TrackedBody]]:
     """Return a function that takes a driver's message apart.
 
     Args:
         typename: of `POSE_TYPES`, or one that holds several bodies.
         to_ns: stamp of a message → ns.
-        frame: `frame_id` that counts; empty: any.
 
     Raises:
         InputError: a type without poses.
@@ -152,7 +151,6 @@ def bodies_of_message(
         return [
             TrackedBody(name, to_ns(header.stamp), _array(p, "xyz"), _array(q, "xyzw"))
             for name, header, p, q in parts(message)
-            if frame in ("", header.frame_id)
         ]
 
     return bodies

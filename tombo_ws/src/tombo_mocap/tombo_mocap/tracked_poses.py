@@ -64,8 +64,6 @@ class TrackedPoses:
         self.counters = PoseCounters()
         self.names: frozenset[str] = frozenset()
         """Of the rigid bodies in the newest frame."""
-        self.ambiguous = False
-        """No body is named, and the newest frame has several."""
 
     def poses(self, bodies: Sequence[TrackedBody]) -> list[Pose]:
         """Return the vehicle's poses in a frame, stamped with their capture.
@@ -73,10 +71,11 @@ class TrackedPoses:
         A pose with NaN, without a rotation, or not newer than the last is counted and dropped.
         """
         self.names = frozenset(body.name for body in bodies)
-        self.ambiguous = not self.body and len(self.names) > 1
+        if not self.body and len(self.names) > 1:
+            return []
         result = []
         for body in bodies:
-            if self.ambiguous or self.body not in ("", body.name):
+            if self.body not in ("", body.name):
                 continue
             stamp_ns = body.stamp_ns - self._delay_ns
             norm = float(np.linalg.norm(body.attitude))

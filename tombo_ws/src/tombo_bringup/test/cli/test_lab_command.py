@@ -60,7 +60,7 @@ def test_px4_gets_url_and_bridge_only_where_it_flies(tmp_path):
 
 
 def test_the_motion_capture_is_that_of_the_lab_unless_another_is_named(tmp_path):
-    names = ("system", "host", "body", "up", "nose", "frame", "delay", "bodies", "options")
+    names = ("system", "host", "body", "up", "nose", "delay", "bodies", "options")
     nothing = dict.fromkeys(names)
     of_lab = merged(tmp_path, **nothing)
     assert [of_lab[name] for name in names[:5]] == ["vicon", "10.0.0.2", "lab_1", "y_up", "+x"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_logs.readers.csv_mapping import ATTITUDES, LogMapping, parse_mapping, shipped
 from tombo_logs.readers.csv_table import CsvTable, open_table
-from tombo_logs.readers.frames import axes_matrix, handedness, turn_attitude
+from tombo_logs.readers.frames import axes_matrix, turn_attitude
 from tombo_logs.readers.mapping_file import ChannelMap, TimeColumn
 from tombo_logs.readers.units import factor
 
@@ -29,8 +28,6 @@ _IN_WORLD = (
     *("position_setpoint", "velocity_setpoint", "acceleration_setpoint"),
 )
 _IN_BODY = ("gyro", "accel", "estimated_body_velocity", "rates_setpoint", "torque_setpoint")
-_POLAR = ("accel", "estimated_body_velocity")
-"""Vectors that keep their sign in mirrored axes; rates and torques turn the other way round."""
 
 
 def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight:
@@ -49,7 +46,6 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
             f"{', '.join(_INERTIAL)} will do"
         )
     there = set(table.columns)
-    mapping = _spelled_as(mapping, there)
     findings = damage_findings(name, path, table.damage)
     findings += [Finding("table", "info", name, f"{path.name}: {text}") for text in table.remarks]
     channels = {}
@@ -81,26 +77,6 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
         findings=tuple(findings),
         epoch_ns=round(zero * 1e9),
     )
-
-
-def _spelled_as(mapping: LogMapping, there: Collection[str]) -> LogMapping:
-    """Return a mapping with columns as the table spells them: upper and lower case may differ.
-
-    Versions of a firmware do so. A name that is there stays; one that fits several, too.
-    """
-    lower: dict[str, list[str]] = {}
-    for name in there:
-        lower.setdefault(name.lower(), []).append(name)
-
-    def spelled(name: str) -> str:
-        fitting = lower.get(name.lower(), [])
-        return fitting[0] if name not in there and len(fitting) == 1 else name
-
-    channels = {
-        key: replace(channel, columns=tuple(map(spelled, channel.columns)))
-        for key, channel in mapping.channels.items()
-    }
-    return replace(mapping, channels=channels)
 
 
 def fitting_mappings(table: CsvTable) -> list[LogMapping]:
@@ -190,9 +166,7 @@ def converted(key: str, channel: ChannelMap, mapping: LogMapping, values: Array)
     if key in _IN_BODY:
         if channel.axes is not None:
             return np.asarray(values @ axes_matrix(channel.axes, key).T)
-        # rates turn the other way round in mirrored axes
-        sign = 1.0 if key in _POLAR else handedness(body)
-        return np.asarray(sign * values @ body.T)
+        return np.asarray(values @ body.T)
     return np.asarray(values)
 
 

@@ -5,6 +5,7 @@ YAML. `docs/logs.md` explains it by example; those shipped are in `mappings/`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from importlib import resources
@@ -19,7 +20,7 @@ from tombo_bag.flight import Airframe, Series
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.yaml_text import parse_yaml
-from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, handedness, turn_attitude
+from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, turn_attitude
 from tombo_logs.readers.mapping_file import (
     ChannelMap,
     TimeColumn,
@@ -38,6 +39,9 @@ ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3, "matrix": 9}
 
 Quaternion; roll, pitch and yaw; rotation matrix, column by column.
 """
+
+_SMALLEST = 1e-9
+"""Of an airframe's values, which are above 0."""
 
 ATTITUDES = ("attitude", "estimated_attitude", "attitude_setpoint")
 """Channels that are one."""
@@ -108,11 +112,11 @@ def parse_mapping(text: str, name: str) -> LogMapping:
     values = table_of(parse_yaml(text, what), what, [f.name for f in fields(LogMapping)])
     world = _axes(values.get("world", "ENU"), WORLDS, f"{what}: world")
     body = _axes(values.get("body", "FLU"), BODIES, f"{what}: body")
-    if handedness(axes_matrix(world, what)) != handedness(axes_matrix(body, what)):
-        raise InputError(
-            f"{what}: of world {list(world)} and body {list(body)} one is mirrored, the other "
-            "not; accepted: both or none, else an attitude is not a rotation"
-        )
+    for axes in (world, body):
+        if np.linalg.det(axes_matrix(axes, what)) < 0.0:
+            raise InputError(
+                f"{what}: axes {list(axes)} are mirrored; accepted: right-handed ones"
+            )
     channels = table_of(values.get("channels"), f"{what}: channels", ALL_CHANNELS)
     return LogMapping(
         name=str(values.get("name", Path(name).stem)),
@@ -198,19 +202,13 @@ def _airframe(content: object, what: str) -> Airframe | None:
 
         return airframe_of(read_vehicle(content))
     names = [f.name for f in fields(Airframe)]
-    values = table_of(content, what, names)
-    lacking = [n for n in names[1:4] if n not in values]
+    values: dict[str, Any] = {"name": "airframe", **table_of(content, what, names)}
+    lacking = [n for n in names[:4] if n not in values]
     if lacking:
         raise InputError(f"{what}: no {', '.join(lacking)}; accepted: {', '.join(names)}")
-    numbers: dict[str, Any] = {
-        n: numbers_of([values[n]], 1, f"{what}: {n}")[0]
-        for n in names
-        if n in values and n not in ("name", "inertia")
-    }
-    wrong = [n for n, x in numbers.items() if not x > 0.0]
-    if values.get("inertia") is not None:
-        numbers["inertia"] = numbers_of(values["inertia"], 3, f"{what}: inertia")
-        wrong += ["inertia"] * (min(numbers["inertia"]) <= 0.0)
-    if wrong:
-        raise InputError(f"{what}: {wrong[0]} must be above 0")
-    return Airframe(name=str(values.get("name", "airframe")), **numbers)
+    for name, value in values.items():
+        if name == "inertia":
+            values[name] = numbers_of(value, 3, f"{what}: {name}")
+        elif name != "name":
+            values[name] = number_of(value, _SMALLEST, math.inf, f"{what}: {name}")
+    return Airframe(**values)

@@ -2,7 +2,7 @@
 
 Tables of flights, of thrust stands and of flap videos are read here alone. Cells are parted by
 commas, semicolons or tabs. Numbers have decimal points; where cells are not parted by commas and
-no number has a point, decimal commas are read, and it is said.
+no number has a point, decimal commas are read, and a remark says so.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,9 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_logs.readers.mocap_exports import as_table
 
-_BETWEEN_CELLS = rb"(?:^|[;\t])\s*[-+]?\d+%b\d+(?:[eE][-+]?\d+)?\s*(?=[;\t]|$)"
-_DECIMAL_COMMA = re.compile(_BETWEEN_CELLS % b",", re.MULTILINE)
-_DECIMAL_POINT = re.compile(_BETWEEN_CELLS % rb"\.", re.MULTILINE)
+_CELL = rb"(?:^|[;\t])\s*[-+]?\d+%b\d+(?:[eE][-+]?\d+)?\s*(?=[;\t]|$)"
+_DECIMAL_COMMA = re.compile(_CELL % b",", re.MULTILINE)
+_DECIMAL_POINT = re.compile(_CELL % rb"\.", re.MULTILINE)
 _SPACED = re.compile(
     rb"\s*(?:[^\s,;\d]+ +)+[^\s,;\d]+[ \t]*\n[ \t]*(?:[-+.\deE]+ +)+[-+.\deE]+[ \t]*\n"
 )
@@ -98,7 +98,7 @@ class CsvTable:
         for line in self.body[:200_000].decode("utf-8", "replace").splitlines()[:200]:
             cells = line.split(self.delimiter)
             if len(cells) == count:
-                text |= {i for i, cell in enumerate(cells) if _number(cell) is None}
+                text |= {i for i, cell in enumerate(cells) if not _is_number(cell)}
         return tuple(
             name
             for i, name in enumerate(self.columns)
@@ -106,14 +106,14 @@ class CsvTable:
         )
 
 
-def _number(cell: str) -> float | None:
+def _is_number(cell: str) -> bool:
+    """Return whether a cell is empty or a number."""
     text = cell.strip().strip('"')
-    if text.lower() in _NOTHING:
-        return float("nan")
     try:
-        return float(text)
+        float(text)
     except ValueError:
-        return None
+        return text.lower() in _NOTHING
+    return True
 
 
 def open_table(path: Path) -> CsvTable:
@@ -133,71 +133,52 @@ def open_table(path: Path) -> CsvTable:
         raw = out.getvalue()
         if wrong and not raw:
             raise InputError(f"'{path}' can't be unpacked: {wrong}")
-        damage = (wrong,) if wrong else ()
+        if wrong:
+            # a row that is cut within its last number looks whole
+            raw, damage = raw[: raw.rfind(b"\n") + 1], (wrong,)
+    raw = raw.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if not raw.strip():
         raise InputError(f"'{path}' is empty; accepted: a table of numbers with a header")
-    raw = raw.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\0" in raw[:4096]:
         raise InputError(f"'{path}' starts with bytes {raw[:8].hex(' ')}: no table of text")
-    if not raw.endswith(b"\n"):
-        # a row that is cut within its last number looks whole
-        whole, _, rest = raw.rpartition(b"\n")
-        if damage:
-            raw, damage = whole, (*damage, f"its last row, '{_shown(rest)}', is not whole")
     try:
         raw, mapping = as_table(raw) or (raw, "")
     except InputError as error:
         raise InputError(f"'{path}': {error}") from error
-    return replace(_plain_table(path, raw, damage), mapping=mapping)
-
-
-def _plain_table(path: Path, raw: bytes, damage: tuple[str, ...]) -> CsvTable:
     if _SPACED.match(raw):  # columns parted by spaces alone
         raw = re.sub(rb"(?<=\S)[ \t]+(?=\S)", b",", raw)
+    header, body = _header(path, raw)
+    remarks: tuple[str, ...] = ()
+    delimiter = _delimiter(header)
+    if delimiter != "," and _DECIMAL_COMMA.search(body) and not _DECIMAL_POINT.search(body):
+        body, remarks = body.replace(b",", b"."), ("decimal commas are read as points",)
+    return CsvTable(path, tuple(_cells(header)), delimiter, body, damage, remarks, mapping)
+
+
+def _header(path: Path, raw: bytes) -> tuple[str, bytes]:
+    """Return the line with the names of the columns, and the rows below it.
+
+    It may be a remark, as `#timestamp [ns],x [m]`, above rows of as many cells.
+
+    Raises:
+        InputError: there is none.
+    """
     remark, at = "", 0
     while at < len(raw):
         end = raw.find(b"\n", at) + 1 or len(raw)
         line = raw[at:end].decode("utf-8", "replace").strip()
+        cells = _cells(line)
         if line and not line.startswith(("#", "%")):
-            if _is_header_of(remark, line):
-                return _header(path, remark, raw[at:], damage)  # as in "#timestamp [ns],x [m]"
-            return _header(path, line, raw[end:], damage)
+            if any(map(_is_number, filter(None, cells))) and len(_cells(remark)) == len(cells) > 1:
+                return remark, raw[at:]
+            if len(cells) > 1 and not all(map(_is_number, cells)):
+                return line, raw[end:]
+            break
         remark, at = line.lstrip("#% ") or remark, end
-    raise InputError(f"'{path}' has no header; accepted: a first line with names of columns")
-
-
-def _is_header_of(remark: str, row: str) -> bool:
-    """Return whether a remark names the cells of a row, which has numbers, and maybe texts."""
-    names, cells = _cells(remark), _cells(row)
-    numbers = [number for cell in cells if (number := _number(cell)) is not None]
-    named = sum(_number(name) is None for name in names)
-    has_numbers = bool(np.isfinite(numbers).any())
-    return len(names) == len(cells) > 1 and has_numbers and 2 * named > len(names)
-
-
-def _header(path: Path, line: str, body: bytes, damage: tuple[str, ...]) -> CsvTable:
-    delimiter, columns = _delimiter(line), tuple(_cells(line))
-    if len(columns) < 2 or _is_numbers(line):
-        raise InputError(
-            f"'{path}' starts with '{_shown(line.encode())}'; accepted: a header with the names "
-            "of columns, parted by commas, semicolons or tabs"
-        )
-    body, remarks = _with_points(body) if delimiter != "," else (body, ())
-    return CsvTable(path, columns, delimiter, body, damage, remarks)
-
-
-def _with_points(body: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """Return rows whose cells are not parted by commas with decimal points, and a remark on it."""
-    if b"," not in body or not (comma := _DECIMAL_COMMA.search(body)):
-        return body, ()
-    cell = _shown(comma[0].lstrip(b";\t"))
-    if point := _DECIMAL_POINT.search(body):
-        other = _shown(point[0].lstrip(b";\t"))
-        return body, (
-            f"'{cell}' has a comma and '{other}' a point: numbers with commas are left out; "
-            "accepted: decimal points, or decimal commas, throughout",
-        )
-    return body.replace(b",", b"."), (f"decimal commas are read as points, as in '{cell}'",)
+    raise InputError(
+        f"'{path}' has no header; accepted: a header with the names of columns, parted by commas, "
+        "semicolons or tabs"
+    )
 
 
 def _delimiter(line: str) -> str:
@@ -206,11 +187,3 @@ def _delimiter(line: str) -> str:
 
 def _cells(line: str) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in line.split(_delimiter(line))]
-
-
-def _is_numbers(line: str) -> bool:
-    return all(_number(cell) is not None for cell in _cells(line))
-
-
-def _shown(text: bytes) -> str:
-    return text[:40].decode("utf-8", "replace").strip()

@@ -38,11 +38,6 @@ def axes_matrix(axes: Sequence[str], what: str) -> Array:
     return matrix
 
 
-def handedness(matrix: Array) -> float:
-    """Return 1 for axes turned, -1 for axes mirrored."""
-    return float(np.sign(np.linalg.det(matrix)))
-
-
 def is_usable(quaternions: Array) -> NDArray[np.bool_]:
     """Return which quaternions are finite and not zero."""
     with np.errstate(invalid="ignore", over="ignore"):
@@ -56,7 +51,7 @@ def turn_attitude(quaternions: Array, world: Array, body: Array, turn: Rotation)
     Args:
         quaternions: (N, 4) xyzw, the file's world from its body; not finite: stays so.
         world: of `axes_matrix`.
-        body: of `axes_matrix`; mirrored if and only if `world` is.
+        body: of `axes_matrix`.
         turn: base_link to the body as the motion capture has it.
 
     Norms stay: one that is not 1 says that the columns hold something else.

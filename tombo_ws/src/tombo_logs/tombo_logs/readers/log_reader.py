@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
-
-import numpy as np
 
 from tombo_bag.flight import Flight
 from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
@@ -47,15 +45,14 @@ def read_logs(
     files = [log for path in paths for log in logs_in(Path(path))]
     if not files:
         raise InputError(f"no logs given; accepted: {READABLE}")
+    twice = [path for path, n in Counter(path.resolve() for path in files).items() if n > 1]
+    if twice:
+        raise InputError(
+            f"'{twice[0]}' is given twice; accepted: each flight once, else its errors count as "
+            "confirmed by another"
+        )
     named = zip(files, flight_names(files), strict=True)
-    logs = [read_log(path, name, use, names) for path, name in named]
-    for first, second in combinations(logs, 2):
-        if _same(first, second):
-            raise InputError(
-                f"'{first.source}' and '{second.source}' are the same flight; accepted: each "
-                "flight once, else its errors count as confirmed by another"
-            )
-    return logs
+    return [read_log(path, name, use, names) for path, name in named]
 
 
 def read_single_log(
@@ -160,17 +157,6 @@ def _adapted(log: Flight, mapping: LogMapping | None) -> Flight:
     if any(mapping.turn_deg) and "attitude" in series:
         series["attitude"] = mapping.turn_attitude(series["attitude"])
     return replace(log.with_series(series), airframe=mapping.airframe or log.airframe)
-
-
-def _same(first: Flight, second: Flight) -> bool:
-    a, b = first.series.get("position"), second.series.get("position")
-    return (
-        a is not None
-        and b is not None
-        and a.values.shape == b.values.shape
-        and len(a.values) > 10
-        and bool(np.array_equal(a.values, b.values, equal_nan=True))
-    )
 
 
 def read_every_topic(

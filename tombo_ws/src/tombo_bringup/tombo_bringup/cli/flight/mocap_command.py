@@ -34,7 +34,6 @@ class _Mocap:
     bodies: str | None = _option("bodies", "NAMES")
     up: str | None = _option("up", "AXIS")
     nose: str | None = _option("nose", "AXIS")
-    frame: str | None = _option("frame", "ID")
     delay: float | None = _option("delay", "S")
     options: list[str] | None = option(
         "--option KEY=VALUE", "A setting of libmotioncapture. May be given many times."
