@@ -184,12 +184,6 @@ def body_rates(q: Array, slope: Array) -> Array:
     return np.asarray(2.0 * quaternion_multiply(conjugate(q), slope)[:, :3])
 
 
-def in_body(rates: Series, attitude: Series) -> Series:
-    """Return rates about the axes of map (N, 3) about those of the body."""
-    turns = turns_at(usable_turns(attitude), rates.t)
-    return Series(rates.t, np.asarray(turns.inv().apply(rates.values)), rates.arrival)
-
-
 def accelerations(position: Series, t: Array) -> Array:
     """Return the acceleration of a track (N, 3) at times of an even clock, behind `POSE_WIDTH`."""
     return smooth(resample(position, t), POSE_WIDTH, float(t[1] - t[0]), order=2)

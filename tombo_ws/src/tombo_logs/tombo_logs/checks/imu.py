@@ -8,7 +8,6 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
@@ -21,7 +20,7 @@ from tombo_logs.checks.pose_imu_consistency import (
     time_offset,
 )
 from tombo_logs.checks.scales import gyro_scales
-from tombo_logs.checks.spans import Mask, interpolated
+from tombo_logs.checks.spans import Mask
 from tombo_logs.checks.unit_mistakes import guess
 
 _DRAG_SEEN = 0.9
@@ -32,11 +31,6 @@ MAX_TURN_RAD = np.radians(20.0)
 """Turn between motion capture and IMU that is a fault; the diagnosis fits smaller ones."""
 _YAWED = np.radians(5.0)
 """Turn from which on a warning says so: few define a rigid body so badly."""
-_IN_MAP, _EXPLAINS, _NO_WORSE = 0.5, 0.5, 0.02
-"""Rates about the axes of map: largest residual over that of body axes, least explained share of
-the gyro, and largest difference to the best turn of the IMU; more, if that is a yaw."""
-_UPRIGHT = 0.9
-"""Share of a turn about the vertical from which on it is a yaw."""
 _LATE_S = 0.005
 """Smaller differences of stamps are not reported [s]."""
 
@@ -92,38 +86,6 @@ def check_accel_axes(flight: str, motion: EvenFlight) -> list[Finding]:
     return [Finding("frame", "fault", flight, text, channel="accel")]
 
 
-def gyro_about_map(flight: str, motion: EvenFlight) -> list[Finding]:
-    """Report a gyro whose rates are about the axes of map, not of base_link.
-
-    The attitude turns one into the other, without anything to fit: no constant turn of the IMU
-    may explain them better.
-    """
-    late = time_offset(motion)
-    lag = late.lag if late else 0.0
-    together = alignment(motion, lag)
-    if together is None:
-        return []
-    good, t = motion.valid, motion.t
-    in_map = Rotation.from_quat(motion.attitude).apply(motion.rates)
-    gyro = motion.gyro[good] - motion.gyro[good].mean(axis=0)
-    left = []
-    for rates in (motion.rates, in_map):
-        moved = interpolated(t + lag, t, rates)[good]
-        left.append(float(np.mean((gyro - moved + moved.mean(axis=0)) ** 2)))
-    shares = 1.0 - np.array(left) / max(float(np.mean(gyro**2)), 1e-12)
-    # a body defined yawed is common, and at one heading it looks the same
-    yawed = abs(float(together.turn.as_rotvec()[2])) > _UPRIGHT * together.angle
-    margin = _NO_WORSE if yawed else -_NO_WORSE
-    if left[1] > _IN_MAP * left[0] or shares[1] < max(_EXPLAINS, together.explained + margin):
-        return []
-    text = (
-        f"gyro: its rates are about the axes of map ({100 * shares[1]:.0f} % explained, about "
-        f"those of base_link {100 * max(shares[0], 0.0):.0f} %); expected: base_link (FLU); "
-        "turned by the attitude"
-    )
-    return [Finding("frame", "warning", flight, text, channel="gyro")]
-
-
 def check_gyro(flight: str, motion: EvenFlight) -> tuple[list[Finding], float | None]:
     """Report what contradicts rates in rad/s about base_link (FLU), and when stamps are late.
 
@@ -132,7 +94,7 @@ def check_gyro(flight: str, motion: EvenFlight) -> tuple[list[Finding], float | 
     late = time_offset(motion)
     together = alignment(motion, late.lag if late else 0.0)
     if together is None or together.explained < 0.3:
-        return _check_gyro_scale(flight, motion)
+        return [], None
     if not 0.33 < together.scale < 3.0:
         text = (
             f"gyro: rates are {together.scale:.3g} times those of the attitude; expected: the same"
@@ -150,24 +112,6 @@ def check_gyro(flight: str, motion: EvenFlight) -> tuple[list[Finding], float | 
         severity = "warning" if abs(late.lag) > 0.02 else "info"
         findings.append(Finding("stamps", severity, flight, text, channel="position"))
     return findings, together.scale
-
-
-def _check_gyro_scale(flight: str, motion: EvenFlight) -> tuple[list[Finding], float | None]:
-    """Report rates far above those of the attitude, where their course is not conclusive."""
-    if not motion.gyro.size or np.count_nonzero(motion.valid) < 50:
-        return [], None
-    rates, gyro = (
-        float(np.median(np.linalg.norm(x[motion.valid] - x[motion.valid].mean(0), axis=1)))
-        for x in (motion.rates, motion.gyro)
-    )
-    ratio = gyro / max(rates, 1e-6)
-    if gyro < 10.0 * max(rates, 0.02):
-        return [], None
-    text = (
-        f"gyro: rates of {gyro:.3g} rad/s where the attitude turns by {rates:.3g} rad/s"
-        f"{guess(ratio, 'angle', 'turning')}; gyro and accel are left out"
-    )
-    return [Finding("unit", "fault", flight, text, channel="gyro")], ratio
 
 
 def _turn_findings(flight: str, together: Alignment) -> list[Finding]:

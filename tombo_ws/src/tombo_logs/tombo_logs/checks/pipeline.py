@@ -12,11 +12,10 @@ from tombo_bag.flight import Finding, Flight, RefusedLog, Series, why_left_out
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import coverage, events, frozen_values, impacts, imu, poses, sensor_range
-from tombo_logs.checks.clocks.clock_rates import common_clock
 from tombo_logs.checks.clocks.gaps import gaps
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
-from tombo_logs.checks.even_flight import EvenFlight, in_body, poses_and_imu
-from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
+from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
+from tombo_logs.checks.ground import check_flies, ground, motor_drive
 from tombo_logs.checks.recording import drop_faulty, recorded
 from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.hover import Hover, check_vehicle
@@ -83,10 +82,6 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     if motion is not None:
         poses.check_tilt(log.name, motion)
     findings += _rotor_sensors(log.name, series, known)
-    set_back = {f.channel for f in findings if f.check == "stamps" and f.severity == "fault"}
-    if motion is not None:
-        series, more = common_clock(log.name, series, motion, frozenset(set_back))
-        findings += more
     uncovered, more = _limit_spans(log.name, series, flown, down)
     findings += more
     excluded = [*log.exclude, *uncovered]
@@ -224,15 +219,9 @@ def _consistent(
     motion = _motion(series, apart)
     if motion is None:
         return series, []
-    about_map = imu.gyro_about_map(flight, motion)
-    if about_map:
-        series = {**series, "gyro": in_body(series["gyro"], series["attitude"])}
-        motion = _motion(series, apart) or motion
     findings, scale = imu.check_gyro(flight, motion)
-    findings = [*about_map, *findings]
     wrong = any(f.severity == "fault" for f in findings)
     poses.check_poses(flight, motion, scale, imu=not wrong)
-    poses.check_up(flight, motion)
     if not wrong:
         axes = imu.check_accel_axes(flight, motion)
         wrong = bool(axes)
@@ -274,7 +263,7 @@ def _rotor_sensors(flight: str, series: dict[str, Series], apart: list[Span]) ->
     wide = [(b - _NEAR_GROUND_S, e + _NEAR_GROUND_S) for b, e in apart]
     flying = _flying(speed, wide) & inside(speed.t, [_extent(series["position"])])
     replaced = any(name in series for name in DRIVES)
-    kept, findings = sensor_faults(flight, speed, series.get("rotor_command"), flying, replaced)
+    kept, findings = sensor_faults(flight, speed, flying, replaced)
     if kept is not None:
         series["rotor_speed"] = kept
     return findings
@@ -311,9 +300,7 @@ def _motors(
             for name in ROTOR_SPEEDS
             if name in series
         }
-        findings += drop_faulty(
-            series, check_vehicle(flight, drives, hover, rises(series["position"]))
-        )
+        findings += drop_faulty(series, check_vehicle(flight, drives, hover))
     return findings
 
 

@@ -134,35 +134,6 @@ def lean_explains(motion: EvenFlight, rows: NDArray[np.intp], axes: Array | None
     return _explained(acceleration - expected, acceleration)
 
 
-def vertical_response(motion: EvenFlight) -> tuple[float, float] | None:
-    """Return the track's vertical acceleration over that given by thrust, and its deviation.
-
-    1 is expected. Thrust is told by the accelerometer, or else by the horizontal acceleration: a
-    lean of l (2,) gives (g + z'') l. None where nothing accelerates.
-    """
-    usable = motion.valid
-    if np.count_nonzero(usable) < 100:
-        return None
-    besides: Array = np.ones((np.count_nonzero(usable), 1))
-    if motion.accel.size:
-        force = Rotation.from_quat(motion.attitude[usable]).apply(motion.accel[usable])
-        expected, acceleration = force[:, 2:], motion.acceleration[usable, 2:]
-    else:
-        lean = _horizontal_over_vertical(motion.up[usable])
-        expected, acceleration = (
-            motion.acceleration[usable, 2:] * lean,
-            motion.acceleration[usable, :2],
-        )
-        besides = np.hstack([besides, lean])
-    given, seen = _fit(besides, expected), _fit(besides, acceleration)
-    size = float(np.sum(given**2))
-    if size == 0.0:
-        return None
-    slope = float(np.sum(given * seen)) / size
-    left = _rms(seen - slope * given)
-    return slope, left * float(np.sqrt(INDEPENDENT / size))
-
-
 def drag_correlations(motion: EvenFlight) -> Array | None:
     """Return (2, 2): correlations of the accelerometer's x and y with the poses' specific force.
 

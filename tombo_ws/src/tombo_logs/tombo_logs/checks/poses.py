@@ -10,12 +10,7 @@ from tombo_bag.flight import RefusedLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.even_flight import EvenFlight
-from tombo_logs.checks.pose_imu_consistency import (
-    force_response,
-    lean_explains,
-    tilt_response,
-    vertical_response,
-)
+from tombo_logs.checks.pose_imu_consistency import force_response, lean_explains, tilt_response
 from tombo_logs.checks.spans import white_noise
 from tombo_logs.checks.unit_mistakes import guess
 
@@ -29,9 +24,6 @@ ours leave, to be the right ones."""
 _PARTS = 3
 """Of a flight, in each of which other axes must be the right ones: a frame does not change, the
 pull of a cord or of a fan does with place and pace."""
-_UP_KNOWN, _UP_REVERSED = 0.08, 0.5
-"""Standard deviation, and distance from -1, of z's acceleration over that given by thrust. Of
-poses alone, drag and wind move it by up to 8 deviations: not as far as from 1 to there."""
 _STANDS = 0.5
 """Speed or command of the motors over that in flight below which they can't carry the vehicle."""
 
@@ -189,21 +181,6 @@ def check_height(flight: str, position: Series, drive: Array) -> None:
             "position",
             f"position: z goes from {level:.2f} m, where it stands, to "
             f"{np.median(z):.2f} m; expected: up, as in ENU; is it NED, or y up?",
-        )
-
-
-def check_up(flight: str, motion: EvenFlight) -> None:
-    """Refuse a track whose z accelerates downwards where thrust pushes it up."""
-    response = vertical_response(motion)
-    if response is None:
-        return
-    slope, sigma = response
-    if sigma < _UP_KNOWN and abs(slope + 1.0) < _UP_REVERSED:
-        raise RefusedLog(
-            flight,
-            "position",
-            f"position: z accelerates {slope:.2f} ± {sigma:.2f} times what "
-            "thrust gives; expected: up, as in ENU, about 1; is it NED, or y up?",
         )
 
 

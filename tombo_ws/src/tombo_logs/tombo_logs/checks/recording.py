@@ -17,8 +17,6 @@ from tombo_logs.checks.clocks.clock_offsets import one_clock
 from tombo_logs.checks.clocks.time_units import check_pose_rate, no_common_time, other_units
 from tombo_logs.checks.series_cleaning import clean_series, nothing_left
 
-_FASTEST: Final = 1e4
-"""rad/s: no rotor is faster, 95 000 rpm."""
 _STEADY: Final = 1e-6
 """Range of a command over its size below which it never changes."""
 _LEAST: Final = 50
@@ -71,7 +69,7 @@ def drop_faulty(series: dict[str, Series], findings: list[Finding]) -> list[Find
 
 
 def _drive(flight: str, name: str, drive: Series) -> list[Finding]:
-    """Report drives that say nothing of the rotors: constant throughout, or impossible."""
+    """Report drives that say nothing of the rotors: constant throughout."""
     values = drive.values
     size = float(np.median(np.abs(values)))
     if len(values) >= _LEAST and np.ptp(values, axis=0).max() <= _STEADY * max(size, 1.0):
@@ -80,10 +78,4 @@ def _drive(flight: str, name: str, drive: Series) -> list[Finding]:
             "vehicle in the air; another output, or not recorded; left out"
         )
         return [Finding("frozen", "fault", flight, text, channel=name, key="constant")]
-    if name != "motor_command" and size > _FASTEST:
-        text = (
-            f"{name}: {size:.3g} rad/s usually; expected: less than {_FASTEST:g}; another unit; "
-            "left out"
-        )
-        return [Finding("unit", "fault", flight, text, channel=name, key="size", numbers=(size,))]
     return []

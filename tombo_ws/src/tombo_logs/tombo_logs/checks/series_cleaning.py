@@ -11,46 +11,10 @@ from numpy.typing import NDArray
 
 from tombo_bag.flight import Finding, Series
 from tombo_logs.checks.sensor_range import resolution
-from tombo_logs.checks.spans import Mask, interpolated, runs, sample_interval
+from tombo_logs.checks.spans import Mask, runs, sample_interval
 
 _RESET_S = 0.5
 """Stamps that go back by more are a clock that was set, not messages out of order."""
-_STEPS = 4.0
-"""Usual steps by which a clock is set back at least."""
-_DOUBLE = 1.5
-"""Where a clock was set back there are twice as many samples as usual, and more than this."""
-
-
-def resets(series: Series) -> list[int]:
-    """Return the samples before which the clock was set back.
-
-    Messages out of order go back, too, but fill a gap; a message that is logged again has the
-    same value as before.
-    """
-    t = series.t
-    step = sample_interval(t)
-    places = []
-    for i in np.flatnonzero(np.diff(t) < 0.0).tolist():
-        back = float(t[i] - t[i + 1])
-        if back > _RESET_S or (back > _STEPS * step > 0.0 and _twice(series, i, back / step)):
-            places.append(i + 1)
-    return places
-
-
-def _twice(series: Series, last: int, usual: float) -> bool:
-    """Return whether the times that come again were sampled again, with other values."""
-    t = series.t
-    low, high = t[last + 1], t[last]
-    begin = max(last - round(3.0 * usual), 0)
-    first = begin + np.flatnonzero((t[begin : last + 1] >= low) & (t[begin : last + 1] <= high))
-    after = t[last + 1 : last + 2 + round(3.0 * usual)]
-    again = last + 1 + np.flatnonzero((after >= low) & (after <= high))
-    if min(first.size, again.size) < 3 or first.size + again.size < _DOUBLE * usual:
-        return False
-    at = interpolated(t[again], t[first], series.values[first])
-    return bool(np.mean((at == series.values[again]).all(axis=1)) < 0.5)
-
-
 _LARGEST = 1e7
 """Beyond it, no value of any channel is one."""
 _HELD_SHARE = 0.3
@@ -134,14 +98,14 @@ def _ordered(series: Series, note: Callable[[str, str, str], None]) -> Series:
     if not usable.all() or size < series.t.size:
         note("stamps", "warning", f"{int(size - usable.sum())} stamps are no numbers")
     series = _part(series, np.flatnonzero(usable))
-    set_back = resets(series)
-    if set_back:
-        steps = [float(series.t[i - 1] - series.t[i]) for i in set_back]
+    steps = -np.diff(series.t)
+    set_back = np.flatnonzero(steps > _RESET_S) + 1
+    if set_back.size:
         edges = np.array([0, *set_back, series.t.size])
         longest = int(np.argmax(np.diff(edges)))
         begin, end = int(edges[longest]), int(edges[longest + 1])
         text = (
-            f"stamps jump back by {max(steps):.3g} s ({len(steps)} times): the clock was set, "
+            f"stamps jump back by {steps.max():.3g} s ({set_back.size} times): the clock was set, "
             f"or logs were joined; only the longest part is used, {end - begin} of "
             f"{series.t.size} samples"
         )

@@ -50,8 +50,6 @@ _OUTLIER: Final = 5.0
 """Times their usual size up to which values count: a blow is not a course."""
 _MOMENTS: Final = np.array([ARM_Y, -ARM_X])
 """Rows: moment of a rotor's thrust about body x and y."""
-_AHEAD_S: Final = 0.002
-"""s by which stamps may be later than arrival: two clocks that are kept together are so close."""
 _SIGNAL: Final = "signal"
 """Channel (N, k): the motion as a sensor sees it, on an even clock of `RATE`; valid: measured."""
 
@@ -230,10 +228,10 @@ def one_clock(
 
     The clock is that of the IMU, for the poses come from elsewhere; without an IMU that of the
     poses. Where all others agree on another clock, the IMU is moved to theirs: channels without
-    motion, as the voltage, stay where they are. Where the motion shows no offset, arrival is used.
+    motion, as the voltage, stay where they are.
     """
     series = dict(series)
-    findings = _by_arrival(flight, series)
+    findings: list[Finding] = []
     seen: list[tuple[list[str], Match]] = []
 
     def align(names: list[str], first: EvenFlight | None, other: EvenFlight | None) -> None:
@@ -305,34 +303,3 @@ def _offset_findings(flight: str, names: list[str], seen: Match) -> list[Finding
             "those of the other channels for the same motion: another clock; corrected by that"
         )
     return [Finding("stamps", severity, flight, text, channel=names[0], key=key, numbers=numbers)]
-
-
-def _by_arrival(flight: str, series: dict[str, Series]) -> list[Finding]:
-    """Report stamps that are later than the arrival of their messages: no sample is from then.
-
-    Those that are far off are put where the arrival of the other channels has them.
-    """
-    late = {
-        name: float(np.nanmedian(s.arrival - s.t))
-        for name, s in series.items()
-        if s.arrival is not None and np.isfinite(s.arrival - s.t).any()
-    }
-    usual = float(np.median([x for x in late.values() if x >= -_AHEAD_S] or [0.0]))
-    ahead: dict[float, list[str]] = {}
-    for name, latency in late.items():
-        if latency < -_AHEAD_S:
-            ahead.setdefault(round(latency, 4), []).append(name)
-    findings = []
-    for latency, names in ahead.items():
-        text = (
-            f"{', '.join(names)}: stamps are {-latency:.3g} s later than the arrival of the "
-            "messages; expected: earlier, by the latency; another clock"
-        )
-        if usual - latency > DELAY_S:
-            _shift(series, names, latency - usual)
-            text += "; corrected by the times of arrival"
-        findings.append(
-            Finding("stamps", "warning", flight, text, channel=names[0], key="ahead of arrival",
-                    numbers=(latency,))
-        )  # fmt: skip
-    return findings

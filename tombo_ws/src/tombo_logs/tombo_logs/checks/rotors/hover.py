@@ -9,15 +9,12 @@ import numpy as np
 from tombo_bag.flight import Finding, RefusedLog, Series
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
-from tombo_logs.checks.ground import CUT_BEFORE_TAKE_OFF
 from tombo_logs.checks.spans import Mask
 from tombo_logs.checks.unit_mistakes import guess
 
 _MASS_RATIO = (0.6, 1.65)
 """Mass that the rotors' speeds lift over the model's: no error of mass and thrust together that
 the diagnosis knows goes beyond."""
-_STANDING = 0.2
-"""The same ratio below which rotors carry no vehicle, whatever it weighs: they idle or stand."""
 _LEAST = 50
 
 
@@ -50,7 +47,7 @@ def mass_lifted(drive: Series, flying: Mask, hover: Hover) -> float | None:
 
 
 def check_vehicle(
-    flight: str, drives: dict[str, tuple[Series, Mask]], hover: Hover, rises: bool
+    flight: str, drives: dict[str, tuple[Series, Mask]], hover: Hover
 ) -> list[Finding]:
     """Report drives that can't be those of the model's vehicle while another one can.
 
@@ -58,10 +55,9 @@ def check_vehicle(
         flight: its name.
         drives: channel -> rotor speeds [rad/s], and which rows count.
         hover: of the model's vehicle.
-        rises: whether the track leaves the ground (`ground.rises`).
 
     Raises:
-        RefusedLog: none of them can: it does not fly, or another vehicle, or another unit.
+        RefusedLog: none of them can: another vehicle, or another unit.
     """
     masses = {
         name: mass
@@ -72,15 +68,6 @@ def check_vehicle(
     wrong = {n: m for n, m in masses.items() if not low <= m / hover.mass <= high}
     if not wrong:
         return []
-    if all(mass < _STANDING * hover.mass for mass in masses.values()) and not rises:
-        name, mass = next(iter(masses.items()))
-        raise RefusedLog(
-            flight,
-            name,
-            f"it does not fly: z stays where it is, and {name} has the rotors "
-            f"at {_ratio(mass, hover) * hover.rotor_speed:.0f} rad/s where the model "
-            f"({hover.label}) hovers at {hover.rotor_speed:.0f}; {CUT_BEFORE_TAKE_OFF}",
-        )
     texts = {name: _text(name, mass, hover) for name, mass in wrong.items()}
     if len(wrong) == len(masses):
         raise RefusedLog(
@@ -95,13 +82,8 @@ def check_vehicle(
     ]
 
 
-def _ratio(mass: float, hover: Hover) -> float:
-    """Return speed over that of hover, of rotors that carry a mass [kg]."""
-    return float(np.sqrt(mass / hover.mass))
-
-
 def _text(name: str, mass: float, hover: Hover) -> str:
-    ratio = _ratio(mass, hover)
+    ratio = float(np.sqrt(mass / hover.mass))
     return (
         f"{name}: with the propellers of the model ({hover.label}) such speeds carry "
         f"{mass:.2g} kg in flight, not {hover.mass:.2g} kg; it hovers at {hover.rotor_speed:.0f} "
