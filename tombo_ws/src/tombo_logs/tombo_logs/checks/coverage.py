@@ -84,27 +84,16 @@ def parts(
     return out, findings, apart
 
 
-def share_set_apart(
-    flight: str, position: Series, apart: list[Span], findings: list[Finding]
-) -> list[Finding]:
-    """Warn when much of the time in the air is not diagnosed; `findings` say why."""
+def share_set_apart(flight: str, position: Series, apart: list[Span]) -> list[Finding]:
+    """Warn when much of the time in the air is not diagnosed."""
     t, z = position.t, position.values[:, 2]
     step = np.minimum(np.diff(t, append=t[-1]), _LATE_S)
     step[z <= np.percentile(z, 1.0) + _AIRBORNE] = 0.0
     air, lost = float(step.sum()), float(step[inside(t, apart)].sum())
     if lost <= _LOST * air:
         return []
-    spans: dict[str, list[Span]] = {}
-    for f in findings:
-        if np.isfinite(f.start_s) and np.isfinite(f.end_s):
-            spans.setdefault(f.check, []).append((f.start_s, f.end_s))
-    shares = {
-        check: float(step[inside(t, check_spans)].sum()) for check, check_spans in spans.items()
-    }
-    why = ", ".join(f"{check} {s:.1f} s" for check, s in shares.items() if s > _LATE_S)
     text = (
-        f"{lost:.1f} of {air:.1f} s in the air are set apart{f' ({why})' if why else ''}: the "
-        "verdict is about the rest alone"
+        f"{lost:.1f} of {air:.1f} s in the air are set apart: the verdict is about the rest alone"
     )
     return [Finding("set apart", "warning", flight, text)]
 

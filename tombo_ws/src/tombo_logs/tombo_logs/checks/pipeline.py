@@ -56,8 +56,6 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     if "position" in series:
         series["position"], more = without_wrong_poses(log.name, series["position"])
         findings += more
-    for name in tuple(series):
-        findings += drop_faulty(series, sensor_range.resolution(log.name, name, series[name]))
     _check_there(log.name, series, findings, needed)
     poses.check_values(log.name, series)
     flown = _extent(series["position"])
@@ -98,7 +96,7 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
         if name not in ("voltage", "current", "rotor_command", "attitude"):
             findings += gaps(log.name, name, s.t)
     findings += coverage.absent(log.name, series)
-    findings += coverage.share_set_apart(log.name, position, apart, [*log.findings, *findings])
+    findings += coverage.share_set_apart(log.name, position, apart)
     kept = [f for f in dict.fromkeys(findings) if f not in log.findings]
     return dataclasses.replace(
         log.with_series(series), findings=(*log.findings, *kept), exclude=tuple(apart)

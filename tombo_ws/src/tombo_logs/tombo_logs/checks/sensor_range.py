@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_bag.flight import Finding, RefusedLog, Series
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_logs.checks.spans import Mask, Span, merged, runs
 
@@ -15,9 +15,7 @@ _PART = 0.1
 _AROUND_S = 0.1
 """s set apart on both sides of a limit: what kernels reach."""
 _COARSE = {"position": 0.003, "gyro": 0.03, "accel": 0.3}
-"""Steps of values [unit of the channel] that are reported: they make more noise than usual."""
-_USELESS = {"position": 0.02, "gyro": 0.3, "accel": 3.0}
-"""Steps with which nothing can be diagnosed."""
+"""Steps of values [unit of the channel] that make equal neighbours usual."""
 
 
 def clipped(flight: str, name: str, series: Series, flying: Mask) -> tuple[Mask, list[Finding]]:
@@ -77,22 +75,7 @@ def value_step(values: Array) -> float:
     return max(steps, default=0.0)
 
 
-def resolution(flight: str, name: str, series: Series) -> list[Finding]:
-    """Report values that are rounded coarsely; a fault is to be left out.
-
-    Raises:
-        RefusedLog: positions so coarse that nothing can be diagnosed.
-    """
-    if name not in _COARSE or series.t.size < 100:
-        return []
-    step = value_step(series.values)
-    if step < _COARSE[name]:
-        return []
-    text = f"{name}: all values are multiples of {step:.3g}"
-    if step < _USELESS[name]:
-        text += f"; expected: finer than {_COARSE[name]:g}; it counts as noise"
-        return [Finding("resolution", "warning", flight, text, channel=name)]
-    text += f"; needed: finer than {_USELESS[name]:g}"
-    if name == "position":
-        raise RefusedLog(flight, name, text)
-    return [Finding("resolution", "fault", flight, f"{text}; left out", channel=name)]
+def is_coarse(name: str, series: Series) -> bool:
+    """Return whether values are rounded so coarsely that neighbours are often equal."""
+    known = name in _COARSE and series.t.size >= 100
+    return known and value_step(series.values) >= _COARSE[name]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.flight import Finding, Series
-from tombo_logs.checks.sensor_range import resolution
+from tombo_logs.checks.sensor_range import is_coarse
 from tombo_logs.checks.spans import Mask, runs, sample_interval
 
 _RESET_S = 0.5
@@ -46,7 +46,7 @@ def clean_series(flight: str, channel: str, series: Series) -> tuple[Series, lis
         series = _part(series, finite)
     share, repeats = _held_share(series)
     # rounded values repeat, too: they were measured
-    if share > _HELD_SHARE and channel in _SAMPLED and not resolution(flight, channel, series):
+    if share > _HELD_SHARE and channel in _SAMPLED and not is_coarse(channel, series):
         text = (
             f"{100 * share:.0f} % of the samples repeat the one before: a slower channel held "
             f"on a faster clock ({1.0 / max(sample_interval(series.t), 1e-9):.0f} Hz); the "

@@ -1,4 +1,4 @@
-"""Wind: a horizontal force in map that stays, or swings with a period of its own.
+"""Wind: a horizontal force in map that stays.
 
 Thrust acts along body z, so what else accelerates the vehicle sideways shows in the poses, and in
 the accelerometer. A body that was defined leaning, and an offset of the accelerometer, look alike
@@ -36,14 +36,7 @@ USUAL_DRAG, _FASTEST_AIR = 0.3, 5.0
 _SURE = 4.0
 """Standard deviations by which a push is called wind."""
 LEAST = 0.4
-"""m/s^2 of a steady push, and of a swinging one, that is reported."""
-_PERIODS, _HIGHEST_HZ = 3.0, 1.0
-"""Fewest periods of a swing in a flight, and its highest frequency."""
-_SWINGS = 0.4
-"""Least share of the residual force that a swing explains."""
-_OF_COURSE = 1.5
-"""Force per mass over own speed at its frequency [1/s] from which on a swing is not of the
-course: drag has 0.2 to 0.6."""
+"""m/s^2 of a push that is reported."""
 DRAG_KNOWN = 0.2
 """Relative deviation of the drag up to which the air's speed is told."""
 
@@ -59,10 +52,6 @@ class Push:
     drag: float
     """Per mass [1/s]."""
     drag_deviation: float
-    swing: float
-    """Amplitude [m/s^2]; 0: it does not swing."""
-    frequency: float
-    """Of the swing [Hz]."""
     speed: float
     """Root of the mean square of the vehicle's own horizontal speed [m/s]."""
 
@@ -73,7 +62,7 @@ class Push:
 
 
 def wind(flight: str, motion: EvenFlight, position: Series, mass: float | None) -> list[Finding]:
-    """Report wind with its force, its swing, and its speed where drag is known.
+    """Report wind with its force, and its speed where drag is known.
 
     Args:
         flight: name.
@@ -84,41 +73,35 @@ def wind(flight: str, motion: EvenFlight, position: Series, mass: float | None) 
     push = push_of(motion, position)
     if push is None:
         return []
-    steady = push.size > max(LEAST, _SURE * push.deviation)
-    if not steady and push.swing == 0.0:
+    if push.size <= max(LEAST, _SURE * push.deviation):
         return []
     unit, scale = ("N", mass) if mass is not None else ("m/s^2", 1.0)
-    said = []
-    if steady:
-        heading = round(math.degrees(math.atan2(push.steady[1], push.steady[0]))) % 360
-        said.append(
-            f"a steady {scale * push.size:.2g} ± {2.0 * scale * push.deviation:.1g} {unit} "
-            f"({push.size / GRAVITY:.2f} of the weight) towards {heading} deg from map x"
-        )
-    if push.swing > 0.0:
-        said.append(f"{scale * push.swing:.2g} {unit} to and fro at {push.frequency:.2f} Hz")
+    heading = round(math.degrees(math.atan2(push.steady[1], push.steady[0]))) % 360
     speed = "its speed is not known without the drag coefficient"
     if push.drag > 0.0 and push.drag_deviation < DRAG_KNOWN * push.drag:
-        speeds = [f"{size / push.drag:.1f}" for size in (push.size * steady, push.swing) if size]
-        speed = f"by the drag that this flight shows, air of {' ± '.join(speeds)} m/s"
-    text = f"wind: a horizontal force beside the vehicle's own drag, {' and '.join(said)}; {speed}"
+        speed = f"by the drag that this flight shows, air of {push.size / push.drag:.1f} m/s"
+    text = (
+        "wind: a horizontal force beside the vehicle's own drag, "
+        f"{scale * push.size:.2g} ± {2.0 * scale * push.deviation:.1g} {unit} "
+        f"({push.size / GRAVITY:.2f} of the weight) towards {heading} deg from map x; {speed}"
+    )
     return [Finding("wind", "warning", flight, text)]
 
 
 def push_of(motion: EvenFlight, position: Series) -> Push | None:
-    """Fit steady and swinging push, drag and offsets; None: too short a flight."""
+    """Fit a steady push, drag and offsets; None: too short a flight."""
     block = round(_BLOCK_S * RATE)
     good = block_means(motion.valid.astype(np.float64), block) > 0.99
     if np.count_nonzero(good) * _BLOCK_S < _SHORTEST_S:
         return None
     track = interpolated(motion.t, position.t, position.values[:, :2])
     speed = gaussian_filter1d(track, POSE_WIDTH * RATE, axis=0, order=1) * RATE
-    t, speed = block_means(motion.t, block)[good], block_means(speed, block)[good]
+    speed = block_means(speed, block)[good]
     turn = np.asarray(Rotation.from_quat(motion.attitude).as_matrix())
     ahead = block_means(turn[:, :2, 0], block)[good]
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
     forces = [block_means(each, block)[good] for each in _pushes(motion, turn)]
-    return _fitted(t, forces, speed, ahead)
+    return _fitted(forces, speed, ahead)
 
 
 def _pushes(motion: EvenFlight, turn: Array) -> list[Array]:
@@ -135,14 +118,14 @@ def _pushes(motion: EvenFlight, turn: Array) -> list[Array]:
     return by_source
 
 
-def _fitted(t: Array, forces: list[Array], speed: Array, ahead: Array) -> Push:
+def _fitted(forces: list[Array], speed: Array, ahead: Array) -> Push:
     """Fit by least squares with priors: push (2), drag, and two offsets of each source."""
     left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
     width = 3 + 2 * len(forces)
     rows, targets = [], []
     for k, force in enumerate(forces):
         for axis in (0, 1):
-            row = np.zeros((t.size, width))
+            row = np.zeros((len(speed), width))
             row[:, axis] = 1.0
             row[:, 2] = -speed[:, axis]
             row[:, 3 + 2 * k], row[:, 4 + 2 * k] = ahead[:, axis], left[:, axis]
@@ -159,27 +142,7 @@ def _fitted(t: Array, forces: list[Array], speed: Array, ahead: Array) -> Push:
         noise = max(float(np.mean(rest**2)), 1e-4)
     spread = covariance[:2, :2] + _FRAME_LEANS**2 * np.eye(2)
     along = value[:2] / max(float(np.linalg.norm(value[:2])), 1e-9)
-    left_over = rest.reshape(len(forces), 2, -1).mean(axis=0).T
-    swing, frequency = _swing(t, left_over, speed)
     return Push(
         value[:2], math.sqrt(float(along @ spread @ along)), float(value[2]),
-        math.sqrt(float(covariance[2, 2])), swing, frequency,
-        float(np.sqrt(np.mean(np.sum(speed**2, axis=1)))),
+        math.sqrt(float(covariance[2, 2])), float(np.sqrt(np.mean(np.sum(speed**2, axis=1)))),
     )  # fmt: skip
-
-
-def _swing(t: Array, force: Array, speed: Array) -> tuple[float, float]:
-    """Return amplitude [m/s^2] and frequency [Hz] of a force that swings; zeros: it does not."""
-    length = float(t[-1] - t[0])
-    lowest = _PERIODS / length
-    if lowest >= _HIGHEST_HZ:
-        return 0.0, 0.0
-    tried = np.arange(lowest, _HIGHEST_HZ, 0.2 / length)
-    waves = np.exp(2j * np.pi * np.outer(tried, t - t[0])) * (2.0 / t.size)
-    amplitude = np.linalg.norm(waves @ (force - force.mean(axis=0)), axis=1)
-    own = np.linalg.norm(waves @ (speed - speed.mean(axis=0)), axis=1)
-    k = int(np.argmax(amplitude))
-    share = 0.5 * amplitude[k] ** 2 / max(float(force.var(axis=0).sum()), 1e-9)
-    if amplitude[k] < max(LEAST, _OF_COURSE * own[k]) or share < _SWINGS:
-        return 0.0, 0.0
-    return float(amplitude[k]), float(tried[k])

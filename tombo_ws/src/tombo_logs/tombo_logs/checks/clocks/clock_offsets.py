@@ -16,12 +16,11 @@ from scipy.signal import correlate
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY
+from tombo_dynamics.vehicle import ARM_X, ARM_Y
 from tombo_logs.checks.clocks.gaps import gap_spans
 from tombo_logs.checks.even_flight import (
     RATE,
     EvenFlight,
-    accelerations,
     beside_poses,
     body_rates,
     unit_rows,
@@ -181,18 +180,6 @@ def _rates(attitude: Series) -> EvenFlight | None:
     return _signal(t, body_rates(q, np.gradient(q, 1.0 / RATE, axis=0)), turns)
 
 
-def _force(series: Mapping[str, Series], name: str) -> EvenFlight | None:
-    """Return the size of the specific force (N, 1), of the accelerometer or of the track."""
-    t = _even(series[name])
-    if not t.size:
-        return None
-    if name == "accel":
-        force = beside_poses(series[name], t)
-    else:
-        force = accelerations(series[name], t) + np.array([0.0, 0.0, GRAVITY])
-    return _signal(t, np.linalg.norm(force, axis=1)[:, None], series[name])
-
-
 def _turning(rates: EvenFlight | None) -> EvenFlight | None:
     """Return the acceleration about body x and y (N, 2), each over its own size."""
     if rates is None:
@@ -242,13 +229,9 @@ def one_clock(
                 _shift(series, names, -compared.lag)
 
     imu: list[str] = [name for name in ("gyro", "accel") if name in series]
-    if len(imu) == 2 and not _together(series, imu):
-        align(["accel"], *_pair(series, "accel"))
-        imu = ["gyro"]
-    if imu and "position" in series:
-        poses: list[str] = [name for name in ("position", "attitude") if name in series]
-        align(poses, *_pair(series, imu[0])[::-1])
     rates = _channel(series["gyro"]) if "gyro" in series else None
+    if "gyro" in series and "attitude" in series:
+        align(["position", "attitude"], rates, _rates(series["attitude"]))
     if rates is None and "attitude" in series:
         rates = _rates(series["attitude"])
     for name in DRIVES:
@@ -268,21 +251,6 @@ def _shift(series: dict[str, Series], names: Iterable[str], seconds: float) -> N
     """Move the stamps of channels."""
     for name in names:
         series[name] = replace(series[name], t=series[name].t + seconds)
-
-
-def _pair(series: Mapping[str, Series], name: str) -> tuple[EvenFlight | None, EvenFlight | None]:
-    """Return the same quantity from the poses and from a channel of the IMU."""
-    if name == "gyro" and "attitude" in series:
-        return _rates(series["attitude"]), _channel(series["gyro"])
-    if name == "accel" or "accel" in series:
-        return _force(series, "position"), _force(series, "accel")
-    return None, None
-
-
-def _together(series: Mapping[str, Series], names: Iterable[str]) -> bool:
-    """Return whether channels begin and end within a delay of each other."""
-    ends = np.array([[series[name].t[0], series[name].t[-1]] for name in names])
-    return bool((np.ptp(ends, axis=0) < DELAY_S).all())
 
 
 def _offset_findings(flight: str, names: list[str], seen: Match) -> list[Finding]:
