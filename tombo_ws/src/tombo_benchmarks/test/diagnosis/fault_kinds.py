@@ -39,12 +39,6 @@ def _part(series: Series, rows: Any) -> Series:
     return Series(series.t[rows], series.values[rows], arrival)
 
 
-def _one_rotor(series: Series, factor: float, rng: np.random.Generator) -> Series:
-    values = series.values.copy()
-    values[:, int(rng.integers(4))] *= factor
-    return replace(series, values=values)
-
-
 def _zeros(series: Series, share: float, rng: np.random.Generator) -> Series:
     """Read 0 in runs of 20 samples."""
     values = series.values.copy()
@@ -108,7 +102,6 @@ def _turn_over(q: Array) -> Array:
 _TIMES = of_stamps(lambda t, factor: t * factor)
 
 FAULTS: tuple[LogFault, ...] = (
-    log_fault("one rotor's scale", SPEEDS, (0.85, 0.7, 0.536), _one_rotor, "rpm"),
     log_fault("one rotor reads zero", SPEEDS, (0.05, 0.2, 0.8), _zeros, "rpm"),
     log_fault("one rotor stuck", SPEEDS, (1.0, 4.0, 60.0), _stuck_rotor, "rpm frozen"),
     log_fault("scale of all rotors", SPEEDS, (2.0, 7.0, 9.5493), SCALED, "rpm unit"),
@@ -117,7 +110,6 @@ FAULTS: tuple[LogFault, ...] = (
         columns_of(([1, 0, 2, 3], [1]), ([0, 2, 1, 3], [1]), ([3, 2, 0, 1], [1])), MIXED, "rpm",
     ),
     log_fault("another vehicle", ROTORS, (0.7, 1.5, 4.0), SCALED, "vehicle"),
-    log_fault("IMU clock rate", IMU, (1.0005, 1.001, 1.01), _TIMES, "stamps"),
     log_fault("IMU clock set back", IMU, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
     log_fault("poses' clock set back", POSE, (0.1, 0.6, 5.0), _stepped_back, "stamps"),
     log_fault("IMU time unit", IMU, (1e3, 1e6, 1e9), _TIMES, "stamps unit"),
@@ -149,14 +141,6 @@ FAULTS: tuple[LogFault, ...] = (
         "frame",
     ),
     log_fault("gyro saturated", ("gyro",), (0.7, 0.5, 0.3), of_values(_clipped), "saturation"),
-    log_fault(
-        "gyro quantised", ("gyro",), (0.05, 0.2, 1.0),
-        of_values(lambda v, step: np.round(v / step) * step), "resolution",
-    ),
-    log_fault(
-        "position quantised", ("position",), (0.01, 0.03, 0.1),
-        of_values(lambda v, step: np.round(v / step) * step), "resolution duplicate",
-    ),
     log_fault("unit of length", ("position",), (3.2808, 100.0, 1000.0), SCALED, "unit"),
     log_fault(
         "world axes", ("position",),

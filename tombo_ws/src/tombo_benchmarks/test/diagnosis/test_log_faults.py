@@ -58,7 +58,7 @@ def test_sound_flights_have_no_finding(flights, hover):
     assert [f.message for f in said if f.severity != "info"] == []
 
 
-@pytest.mark.parametrize("name", ["one rotor's scale", "IMU clock rate"])
+@pytest.mark.parametrize("name", ["scale of all rotors", "IMU time unit"])
 def test_a_fault_does_not_end_as_physics(name, flights, hover):
     fault = next(f for f in FAULTS if f.name == name)
     checked = [

@@ -1,7 +1,6 @@
 """Any file: what kind it is, its first bytes say; other files are refused in one line."""
 
 import gzip
-import shutil
 from pathlib import Path
 
 import pytest
@@ -34,9 +33,8 @@ def test_a_flight_given_twice_is_refused(tmp_path):
     """Held-out flights would confirm their own errors."""
     one = tmp_path / "one.csv"
     one.write_text(table_text(FLIGHT))
-    shutil.copy(one, tmp_path / "two.csv")
-    with pytest.raises(InputError, match="same flight"):
-        read_logs([one, tmp_path / "two.csv"])
+    with pytest.raises(InputError, match="given twice"):
+        read_logs([one, tmp_path])
 
 
 def test_logs_of_a_folder_have_short_and_unique_names(tmp_path):
@@ -51,7 +49,7 @@ def test_logs_of_a_folder_have_short_and_unique_names(tmp_path):
 def test_generic_file_names_are_replaced_by_the_folder_or_numbered():
     paths = ["/d/run-1/flight.mcap", "/d/run-2/flight.mcap", "/d/x/log_0.csv.gz", "/d/y.ulg"]
     assert flight_names([Path(p) for p in paths]) == ["run-1", "run-2", "x", "y"]
-    assert flight_names([Path("/a/d/y.csv"), Path("/a/d/y.ulg")]) == ["y", "y#2"]
+    assert flight_names([Path("/a/d/y.csv"), Path("/a/d/y.ulg")]) == ["y#1", "y#2"]
     paths = ["/home/me/flights/lab/1.csv", "/home/me/flights/lab/2.csv", "/home/me/x/1.csv"]
     assert flight_names([Path(p) for p in paths]) == ["lab/1", "lab/2", "x/1"]
 

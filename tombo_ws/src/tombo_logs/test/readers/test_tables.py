@@ -13,7 +13,6 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import check_log
 from tombo_logs.readers.csv_log import read_csv
 from tombo_logs.readers.csv_mapping import parse_mapping, shipped
-from tombo_logs.readers.csv_table import open_table
 
 FLIGHT = made_flight(duration=8.0, mocap_hz=50.0, imu_hz=100.0)
 POSE = ("position", "attitude")
@@ -84,16 +83,6 @@ def test_decimal_commas_are_understood(tmp_path, delimiter):
     close(log.series["position"].values, FLIGHT.series["position"].values)
     (finding,) = log.findings
     assert finding.severity == "info" and "decimal commas" in finding.message
-
-
-def test_decimal_commas_beside_decimal_points_are_left_out_and_said(tmp_path):
-    """1,234 in a column and 1.5 in another: the comma may part thousands."""
-    path = written(tmp_path / "a.csv", "a;b\n1,234;1.5\n2;2.5\n3,000;3.5\n")
-    table = open_table(path)
-    values, damage = table.numbers(("a", "b"))
-    assert np.isnan(values["a"][[0, 2]]).all() and values["a"][1] == 2.0
-    assert list(values["b"]) == [1.5, 2.5, 3.5]
-    assert "'1,234' has a comma" in table.remarks[0] and "2 cells" in damage[0]
 
 
 @pytest.mark.parametrize(
@@ -171,21 +160,6 @@ channels:
     same_turns(read(path, mapping).series["attitude"].values, Q)
 
 
-def test_mirrored_axes_turn_the_gyro_the_other_way(tmp_path):
-    """A left-handed engine: y to the right in world and body alike."""
-    mirror = np.diag([1.0, -1.0, 1.0])
-    theirs = Rotation.from_matrix(mirror @ Rotation.from_quat(Q).as_matrix() @ mirror).as_quat()
-    rates = -GYRO @ mirror  # an axial vector
-    path = posed(tmp_path / "a.csv", P @ mirror, theirs, **numbered("g", rates))
-    text = (
-        f"time: t\nworld: [x, -y, z]\nbody: [x, -y, z]\nchannels:{COLUMNS}"
-        "  gyro: {columns: [g0, g1, g2], unit: rad/s}\n"
-    )
-    log = read(path, text)
-    same_turns(log.series["attitude"].values, Q)
-    close(log.series["gyro"].values, GYRO)
-
-
 def test_turn_deg_takes_a_rigid_body_back_to_base_link(tmp_path):
     off = Rotation.from_euler("xyz", [3.0, -5.0, 40.0], degrees=True)
     path = posed(tmp_path / "a.csv", P, (Rotation.from_quat(Q) * off).as_quat())
@@ -220,13 +194,9 @@ def test_a_missing_column_is_named_with_the_closest_there_is(tmp_path):
         read_csv(path, "a", shipped()["generic"])
 
 
-def test_a_column_may_be_spelled_in_another_case_unless_two_fit(tmp_path):
+def test_a_column_may_be_spelled_in_another_case(tmp_path):
     mapping = f"time: {{column: t, unit: s}}\nchannels: {COLUMNS.replace('qw', 'Qw')}"
-    path = posed(tmp_path / "a.csv", P, Q, qW=np.ones(len(P)))
-    with pytest.raises(InputError, match="Qw"):
-        read(path, mapping)
-    path = posed(tmp_path / "a.csv", P, Q)
-    same_turns(read(path, mapping).series["attitude"].values, Q)
+    same_turns(read(posed(tmp_path / "a.csv", P, Q), mapping).series["attitude"].values, Q)
 
 
 def test_a_channel_with_part_of_its_columns_is_left_out_and_said(tmp_path):
@@ -264,7 +234,7 @@ def test_a_number_that_is_cut_is_not_taken_for_a_whole_one(tmp_path):
     """...,0.9998 may have been 0.99987: where the file ends early, its last row is left out."""
     text = table_text(FLIGHT, POSE).rstrip()[:-3]
     position, said = read_archive(tmp_path, text, lambda whole: whole[:-8])
-    assert len(position) == len(P) - 1 and "is not whole" in said
+    assert len(position) == len(P) - 1 and "cut off" in said
 
 
 def test_quaternions_of_another_length_are_still_seen_as_such(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +49,11 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
     there = set(table.columns)
     findings = damage_findings(name, path, table.damage)
     findings += [Finding("table", "info", name, f"{path.name}: {text}") for text in table.remarks]
+    spelled = {name.lower(): name for name in there}  # versions of a firmware differ in case
     channels = {}
     for key, channel in mapping.channels.items():
+        names = [c if c in there else spelled.get(c.lower(), c) for c in channel.columns]
+        channel = replace(channel, columns=tuple(names))
         lacking = [c for c in _columns(channel, mapping, there) if c not in there]
         if lacking and key in _POSE:
             raise unknown_name(
