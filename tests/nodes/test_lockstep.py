@@ -38,7 +38,7 @@ def start_suite(
 ) -> dict[str, NodeProcess]:
     """Start all nodes in lockstep; the recorder writes flight.mcap."""
     parameters = suite_parameters(scenario, seed, lockstep=True)
-    parameters["recorder"]["single_file"] = str(folder / "flight.mcap")
+    parameters["recorder"]["output"] = str(folder / "flight.mcap")
     parameters["sim"] |= sim
     file = folder / "parameters.yaml"
     file.write_text(parameter_yaml(parameters))

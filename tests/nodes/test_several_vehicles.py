@@ -59,7 +59,7 @@ def test_four_vehicles_in_lockstep_equal_the_headless_ones_to_the_last_bit(start
     scenario = load_scenario("hover", settings)
     warm_up_nodes(scenario)
     parameters = several_parameters(scenario, 3, 4, lockstep=True)
-    parameters["recorder"]["single_file"] = str(tmp_path / "flight.mcap")
+    parameters["recorder"]["output"] = str(tmp_path / "flight.mcap")
     file = tmp_path / "parameters.yaml"
     file.write_text(parameter_yaml(parameters))
     nodes = {name: f"{GROUP} {' '.join(of)}" for name, of in groups(4).items()}

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
+from mcap.writer import Writer
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
@@ -17,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
+from tombo_bag.schemas import schema_text
 from tombo_dynamics.errors import InputError
 
 TYPE = "geometry_msgs/msg/PoseStamped"
@@ -203,7 +205,6 @@ def test_a_ros_1_bag(tmp_path, compression):
 
 
 def test_ros_1_messages_in_an_mcap_file(tmp_path):
-    from mcap.writer import Writer
     from rosbags.rosbag1 import Reader
 
     path = tmp_path / "converted.mcap"
@@ -353,3 +354,20 @@ def test_folders_without_a_recording_and_missing_files_are_refused(tmp_path):
     write_mcap(tmp_path / "b.mcap")
     recording = check_whole(tmp_path, damage=1)
     assert any("a.mcap' is empty" in line for line in recording.damage)
+
+
+def test_a_column_that_is_not_there_is_named(tmp_path):
+    path = tmp_path / "x.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "")
+        text = schema_text(TYPE).replace("float64 x\n", "", 1)
+        schema = writer.register_schema(TYPE, "ros2msg", text.encode())
+        channel = writer.register_channel("/x", "cdr", schema)
+        writer.add_message(channel, 5, bytes([0, 1, 0, 0]) + bytes(200), 5)
+        writer.finish()
+    with Recording(path) as recording:
+        table = recording.columns("/x")
+        assert "pose.position.x" not in table
+        with pytest.raises(InputError, match=r"column of /x 'pose\.position\.x'.*accepted: .*"):
+            table["pose.position.x"]

@@ -9,10 +9,9 @@ files, are not compared. NaN equals NaN, 0.0 does not equal -0.0.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -58,44 +57,21 @@ class TopicComparison:
 
     Attributes:
         topic: its name.
-        types: message type in A and in B; None where the topic is not recorded.
         messages_a: number of messages in A that can be read.
         messages_b: the same in B.
-        only_a_ns: stamps of messages without a partner in B.
-        only_b_ns: stamps of messages without a partner in A.
+        only_in_a: number of messages without a partner in B.
+        only_in_b: number of messages without a partner in A.
+        first: stamp [ns] of the first difference, and what differs there; None: nothing differs.
         fields: fields that differ, in the order of the message.
     """
 
     topic: str
-    types: tuple[str | None, str | None]
     messages_a: int
     messages_b: int
-    only_a_ns: Times
-    only_b_ns: Times
+    only_in_a: int
+    only_in_b: int
+    first: tuple[int, str] | None
     fields: tuple[FieldDifference, ...] = ()
-
-    @property
-    def equal(self) -> bool:
-        """Whether nothing differs."""
-        return self.first is None
-
-    @cached_property
-    def first(self) -> tuple[int, str] | None:
-        """Stamp [ns] of the first difference, and what differs there."""
-        firsts = [(field.first_ns, field.field) for field in self.fields]
-        if len(set(self.types) - {None}) > 1:
-            stamps = np.concatenate([self.only_a_ns, self.only_b_ns])
-            return int(stamps.min()), f"type: {self.types[0]} in A, {self.types[1]} in B"
-        for name, stamps in (("A", self.only_a_ns), ("B", self.only_b_ns)):
-            if len(stamps):
-                firsts.append((int(stamps.min()), f"message in {name} only"))
-        return min(firsts, key=lambda item: item[0], default=None)
-
-    @property
-    def largest(self) -> FieldDifference | None:
-        """The field with the largest difference of numbers."""
-        numbers = [field for field in self.fields if field.largest is not None]
-        return max(numbers, key=lambda field: field.largest or 0.0, default=None)
 
 
 @dataclass(frozen=True)
@@ -104,20 +80,18 @@ class Comparison:
 
     Attributes:
         topics: the topics that were compared, sorted by name.
-        left_out: topics of `PROCESS_TOPICS` that are recorded and were not asked for.
-        epoch_ns: stamp of flight time 0; without a flight's metadata, the earliest stamp.
+        epoch_ns: stamp of flight time 0; without a flight's metadata, the earliest log time.
         damage: unreadable parts of either file, a line each.
     """
 
     topics: tuple[TopicComparison, ...]
-    left_out: tuple[str, ...]
     epoch_ns: int
     damage: tuple[str, ...]
 
     @property
     def equal(self) -> bool:
         """Whether all compared topics are equal."""
-        return all(topic.equal for topic in self.topics)
+        return all(topic.first is None for topic in self.topics)
 
     def seconds(self, stamp_ns: int) -> float:
         """Return a stamp [ns] as flight time [s]."""
@@ -128,18 +102,15 @@ class Comparison:
         return [self._as_mapping(topic) for topic in self.topics]
 
     def _as_mapping(self, topic: TopicComparison) -> dict[str, Any]:
-        first, largest = topic.first, topic.largest
         return {
             "topic": topic.topic,
             "messages_a": topic.messages_a,
             "messages_b": topic.messages_b,
-            "equal": topic.equal,
-            "first_difference_s": first and self.seconds(first[0]),
-            "first_difference": first and first[1],
-            "largest": largest and largest.largest,
-            "largest_field": largest and largest.field,
-            "only_in_a": len(topic.only_a_ns),
-            "only_in_b": len(topic.only_b_ns),
+            "only_in_a": topic.only_in_a,
+            "only_in_b": topic.only_in_b,
+            "equal": topic.first is None,
+            "first_difference_s": topic.first and self.seconds(topic.first[0]),
+            "first_difference": topic.first and topic.first[1],
             "fields": [
                 {
                     "field": field.field,
@@ -161,7 +132,7 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
         topics: what to compare; if empty, all topics of both but `PROCESS_TOPICS`.
 
     Raises:
-        InputError: a recording can't be read, or neither has one of the topics.
+        InputError: a recording, or one of the topics given, can't be read, or neither has it.
     """
     with Recording(_bag(a)) as first, Recording(_bag(b)) as second:
         recorded = sorted({*first.topics, *second.topics})
@@ -172,33 +143,20 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
         for recording in (first, second):
             with suppress(InputError):  # of one topic: the others are loaded one by one
                 recording.load(chosen)
-        unread = {**_unread(a, first, chosen), **_unread(b, second, chosen)}
-        if unread and topics:
-            raise InputError(next(iter(unread.values())))
-        chosen = [name for name in chosen if name not in unread]
-        compared = tuple(_compare(first, second, name) for name in chosen)
-        return Comparison(
-            compared,
-            tuple(n for n in recorded if n in PROCESS_TOPICS and n not in chosen),
-            _epoch(first, second, chosen),
-            (
-                *(f"{a}: {line}" for line in first.damage),
-                *(f"{b}: {line}" for line in second.damage),
-                *(f"{name} is not compared: {why}" for name, why in unread.items()),
-            ),
+        compared, unread = list[TopicComparison](), list[str]()
+        for name in chosen:
+            try:
+                compared.append(_compare(first, second, name))
+            except InputError as error:
+                if topics:
+                    raise
+                unread.append(f"{name} is not compared: {error}")
+        damage = (
+            *(f"{a}: {line}" for line in first.damage),
+            *(f"{b}: {line}" for line in second.damage),
+            *unread,
         )
-
-
-def _unread(path: str | Path, recording: Recording, topics: Iterable[str]) -> dict[str, str]:
-    """Return topic → why its messages can't be read."""
-    unread = {}
-    for name in topics:
-        try:
-            if name in recording.topics:
-                recording.columns(name)
-        except InputError as error:
-            unread[name] = f"'{path}': {error}"
-    return unread
+        return Comparison(tuple(compared), _epoch(first, second, chosen), damage)
 
 
 def _bag(path: str | Path) -> Path:
@@ -206,46 +164,53 @@ def _bag(path: str | Path) -> Path:
     return flight if flight.is_file() else Path(path)
 
 
-def _epoch(first: Recording, second: Recording, topics: Iterable[str]) -> int:
+def _epoch(first: Recording, second: Recording, topics: Sequence[str]) -> int:
     for recording in (first, second):
         text = recording.metadata.get(FLIGHT_METADATA, {}).get("epoch_ns", "")
         if text.isdecimal():
             return int(text)
-    tables = [r.columns(n) for r in (first, second) for n in topics if n in r.topics]
-    return min((int(_stamps(t).min()) for t in tables if len(t["log_time_ns"])), default=0)
+    streams = [r.topics[n] for r in (first, second) for n in topics if n in r.topics]
+    return min((stream.first_ns for stream in streams if stream.count), default=0)
 
 
 def _compare(first: Recording, second: Recording, topic: str) -> TopicComparison:
-    types = (_type(first, topic), _type(second, topic))
-    none = np.zeros(0, np.int64)
-    nothing: ColumnTable = {"log_time_ns": none, "publish_time_ns": none}
-    tables = [r.columns(topic) if topic in r.topics else nothing for r in (first, second)]
+    types = [_type(recording, topic) for recording in (first, second)]
+    tables = [r.columns(topic) if topic in r.topics else _EMPTY for r in (first, second)]
     stamps = [_stamps(table) for table in tables]
-    result = TopicComparison(topic, types, len(stamps[0]), len(stamps[1]), stamps[0], stamps[1])
-    if None in types or types[0] != types[1]:
-        return result
-    (rows_a, rows_b), (left_a, left_b) = _pair(tables, stamps)
-    at = stamps[0][rows_a]
+    (rows_a, rows_b), left = _pair(tables, stamps)
+    firsts = []
     fields: list[FieldDifference] = []
-    for path in dict.fromkeys(name for table in tables for name in table):
-        if path in _NO_FIELDS:
-            continue
+    if None not in types and types[0] != types[1]:
+        earliest = int(np.concatenate(stamps).min())
+        firsts = [(earliest, f"type: {types[0]} in A, {types[1]} in B")]
+        rows_a = rows_b = rows_a[:0]
+    at = stamps[0][rows_a]
+    for path in dict.fromkeys(
+        name for table in tables for name in table if name not in _NO_FIELDS
+    ):
         whole = [
             table[path] if path in table else _absent(other[path], len(table["log_time_ns"]))
             for table, other in (tables, tables[::-1])
         ]
         values = whole[0][rows_a], whole[1][rows_b]
         differs = _differs(*values)
-        if not differs.any():
-            continue
-        fields.append(
-            FieldDifference(
-                path, int(differs.sum()), int(at[differs].min()), _largest(values, differs)
-            )
-        )
-    return replace(
-        result, only_a_ns=stamps[0][left_a], only_b_ns=stamps[1][left_b], fields=tuple(fields)
+        if differs.any():
+            earliest, largest = int(at[differs].min()), _largest(values, differs)
+            fields.append(FieldDifference(path, int(differs.sum()), earliest, largest))
+    firsts += [(field.first_ns, field.field) for field in fields]
+    for name, stamp, rows in zip("AB", stamps, left, strict=True):
+        if len(rows):
+            firsts.append((int(stamp[rows].min()), f"message in {name} only"))
+    return TopicComparison(
+        topic,
+        *(len(stamps[0]), len(stamps[1])),
+        *(len(left[0]), len(left[1])),
+        min(firsts, key=lambda item: item[0], default=None),
+        tuple(fields),
     )
+
+
+_EMPTY: ColumnTable = {name: np.zeros(0, np.int64) for name in ("log_time_ns", "publish_time_ns")}
 
 
 def _type(recording: Recording, topic: str) -> str | None:
@@ -293,17 +258,12 @@ def _order(table: ColumnTable, stamps: Times) -> Rows:
 def _absent(like: NDArray[Any], number: int) -> NDArray[Any]:
     """Return a column for a recording in which no message has the field; as `columns_of`."""
     if like.dtype == object:
-        return _ragged(np.zeros(0) for _ in range(number))
+        column = np.empty(number, object)
+        column.fill(np.zeros(0))
+        return column
     if like.dtype.kind == "U":
         return np.full(number, "")
     return np.full((number, *like.shape[1:]), np.nan)
-
-
-def _ragged(rows: Iterable[NDArray[Any]]) -> NDArray[Any]:
-    items = list(rows)
-    column = np.empty(len(items), object)
-    column[:] = items
-    return column
 
 
 def _plain(column: NDArray[Any]) -> bool:

@@ -19,7 +19,7 @@ from tombo_bag.formats.chunks import MAGIC
 from tombo_bag.formats.reader import Bag
 from tombo_bag.formats.ros1_files import ROS1_MAGIC, Ros1File
 from tombo_bag.formats.sqlite_files import SQLITE_MAGIC, SqliteFile
-from tombo_bag.formats.unpacking import Allowance, unpack, unpack_file
+from tombo_bag.formats.unpacking import unpack, unpack_file
 from tombo_bag.rigid_bodies import bodies_in
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.yaml_text import read_yaml
@@ -118,7 +118,7 @@ class Recording:
         for file in self.files:
             for topic, raw in file.messages(list(recorded)).items():
                 if len(raw.messages):
-                    parts[recorded[topic]].append(_plain(raw, file.path))
+                    parts[recorded[topic]].append(_plain(raw))
         self._cache.update({name: _joined(of) for name, of in parts.items()})
 
     def set_clock(self, log_ns: NDArray[np.int64], now_ns: NDArray[np.int64]) -> None:
@@ -210,8 +210,7 @@ class Recording:
 
     def _bodies(self) -> list[BagFile]:
         def read(file: BagFile, topic: str) -> RawMessages:
-            raw = file.messages([topic])[topic]
-            return _plain(raw, file.path) if raw.messages else raw
+            return _plain(file.messages([topic])[topic])
 
         try:
             return list(bodies_in(self.files, read))
@@ -265,9 +264,8 @@ class Recording:
         if self._unpacked is None:
             self._unpacked = tempfile.TemporaryDirectory(prefix="tombo-")
         target = Path(self._unpacked.name) / path.name.removesuffix(".zstd")
-        allowance = Allowance(path)
         with path.open("rb") as source, target.open("wb") as out:
-            wrong = unpack_file(source, out, allowance)
+            wrong = unpack_file(source, out)
         if wrong:
             self._note(f"{path.name}: {wrong}")
         return target
@@ -299,19 +297,17 @@ def _joined(parts: list[RawMessages]) -> RawMessages:
     )
 
 
-def _plain(raw: RawMessages, path: Path) -> RawMessages:
+def _plain(raw: RawMessages) -> RawMessages:
     """Unpack messages that rosbag2 compressed one by one; CDR itself never starts like zstd."""
-    if not raw.messages[0].startswith(ZSTD_MAGIC):
+    if not raw.messages or not raw.messages[0].startswith(ZSTD_MAGIC):
         return raw
-    allowance = Allowance(path)
-    messages = [_unpacked(message, allowance) for message in raw.messages]
+    messages = [_unpacked(message) for message in raw.messages]
     return RawMessages(raw.log_times_ns, raw.publish_times_ns, messages)
 
 
-def _unpacked(message: bytes, allowance: Allowance) -> bytes:
+def _unpacked(message: bytes) -> bytes:
     try:
-        plain: bytes = unpack("zstd", message, allowance.left)
+        plain: bytes = unpack("zstd", message)
     except ValueError:
         return b""  # fits no type, and is counted as damage there
-    allowance.take(len(plain))
     return plain

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from tombo_bag.columns import ColumnTable, TopicColumns
 from tombo_bag.flight import Flight, Topic
 from tombo_bag.flight_time import FLIGHT_METADATA
-from tombo_bag.formats.unpacking import memory_limit
 from tombo_bag.message_codec import fields_of
 from tombo_bag.recording import Recording
 from tombo_bag.topics import (
@@ -48,7 +47,7 @@ from tombo_dynamics.arrays import Array, Times
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase, Trigger
 from tombo_dynamics.rotation import conjugate, map_to_body, unwrap_quaternions
-from tombo_dynamics.time_base import SECOND_NS, TICK_NS, TICK_S
+from tombo_dynamics.time_base import SECOND_NS, TICK_HZ, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import phase_event, with_figures
 from tombo_flight.scenario import Scenario, as_mapping, scenario_from_mapping
 from tombo_px4.modes import landing_phases
@@ -58,8 +57,8 @@ _FIRST_POSES = 3
 """Number of poses of the motion capture from which the estimator begins."""
 _FIRST_STEP_NS = 20 * TICK_NS
 """Longest time from the first estimate to the mission's first message: its period."""
-_TICK_BYTES = 2000
-"""Memory of a tick, with all of its columns and the arrays derived from them."""
+_LONGEST_TICKS = 4 * 3600 * TICK_HZ
+"""Of one flight; a stamp of another clock makes it longer."""
 _UNIT = 1e-2
 """How far from 1 the length of a rotation's quaternion may be."""
 _MEASURED_VELOCITY = "velocity_in_map"
@@ -188,7 +187,7 @@ def _ticks(path: Path, fields: Fields, known: Times, epoch_ns: int) -> _Ticks:
         last_imu = int(fields[IMU.name]["stamp_ns"].max())
         last = max(last, min(last_imu, last + _BEYOND_NS))
     count = (last - epoch_ns + TICK_NS // 2) // TICK_NS + 1
-    if not 0 < count < memory_limit() // _TICK_BYTES:
+    if not 0 < count < _LONGEST_TICKS:
         raise InputError(
             f"'{path}' has {count * TICK_S:.0f} s from its first stamp to its last; accepted: "
             "the stamps of one flight"

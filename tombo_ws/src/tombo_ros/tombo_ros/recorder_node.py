@@ -16,7 +16,7 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from tombo_bag.formats.rolling_sink import RollingOptions, RollingSink
+from tombo_bag.formats.bag_sink import BagSink
 from tombo_bag.qos import STATE, Qos
 from tombo_bag.schemas import type_hash
 from tombo_bag.sequence_counter import SequenceCounter
@@ -40,8 +40,6 @@ SEARCH_PERIOD_NS = SECOND_NS // 2
 """Period of the search for new publishers."""
 _LOCKSTEP_NS = 50_000_000
 """In lockstep the recorder is never further behind than this."""
-_NAME_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
-"""As rclpy says it: a publisher may be found before its node is."""
 
 
 class RecordedTopic:
@@ -134,7 +132,7 @@ class RecorderNode(LoopNode):
             for vehicle in vehicles or [""]
             for name in names
         }
-        self.sink = RollingSink(self._options(), self._notes, self._records())
+        self.sink = BagSink(self._target(), self._notes, self._records())
         for name, spec in self._specs.items():
             if spec is not None:
                 qos = lockstep_spec(spec).qos if self.lockstep else spec.qos
@@ -143,7 +141,7 @@ class RecorderNode(LoopNode):
         self._searched_at = 0
         self._seen_before = 0
         self._diagnostics_values()
-        self.ros.get_logger().info(f"recording to {self.sink.options.target}")
+        self.ros.get_logger().info(f"recording to {self.sink.target}")
 
     def _resolved(self, name: str) -> str:
         """Return a topic's name on the graph: the suite's own move with namespace and remaps."""
@@ -153,20 +151,14 @@ class RecorderNode(LoopNode):
             reason = str(error).partition(", at ")[0]
             raise InputError(f"topics: '{name}': {reason}; accepted: names of topics") from error
 
-    def _options(self) -> RollingOptions:
+    def _target(self) -> Path:
         now = time.strftime("%Y_%m_%d-%H_%M_%S", time.localtime(self._started_ns // SECOND_NS))
-        output = self.declare("output", "", "folder to make; empty: recording_ with the time")
-        file = self.declare("single_file", "", "in place of a folder: one file, ending in .mcap")
-        size_max = self.declare("file_size_max", 0, "a larger file ends [bytes]; 0: no limit")
-        if output and file:
-            raise InputError(
-                f"parameters output '{output}' and single_file '{file}'; accepted: one of them"
-            )
-        return RollingOptions(
-            Path(file or output or f"recording_{now}").expanduser().absolute(),
-            single_file=bool(file),
-            file_size_max=size_max,
+        output = self.declare(
+            "output",
+            "",
+            "to make: folder, or file ending in .mcap; empty: recording_ with the time",
         )
+        return Path(output or f"recording_{now}").expanduser().absolute()
 
     def _records(self) -> dict[str, dict[str, str]]:
         """Read the metadata of the file.
@@ -271,8 +263,10 @@ class RecorderNode(LoopNode):
         if offers:
             source.relax_qos(weakest_qos(map(_offered, offers)))
         self.sink.add_topic(source.name, source.typename, source.qos)
-        for offer in offers:
-            self._compare(source, offer)
+        others = {offer.topic_type for offer in offers} - {source.typename}
+        if others:
+            text = f"{source.name}: {min(others)} is not recorded, {source.typename} is"
+            self.health.fault(f"second_type.{source.name}", True, text)
 
     def _subscribe(
         self, name: str, typename: str, qos: Qos, *, warn_if_unknown: bool = True
@@ -293,28 +287,19 @@ class RecorderNode(LoopNode):
             return None
         return source
 
-    def _compare(self, source: RecordedTopic, offer: Any) -> None:
-        """Warn about a publisher whose type differs from the one in the file."""
-        if offer.topic_type != source.typename:
-            text = f"{offer.topic_type} is not recorded, {source.typename} is"
-            self.health.fault(f"second_type.{source.name}", True, f"{source.name}: {text}")
-            return
-        theirs = str(offer.topic_type_hash)
-        if theirs.startswith("RIHS01_") and theirs != type_hash(source.typename):
-            if offer.node_name == _NAME_NOT_YET_KNOWN:  # it will be at the next look
-                return
-            text = f"{offer.node_name} publishes another version of {source.typename}"
-            self.health.fault(f"other_version.{source.name}", True, f"{source.name}: {text}")
+    @property
+    def _counters(self) -> dict[str, SequenceCounter]:
+        return {name: source.sequence_counter for name, source in self._sources.items()}
 
     def _diagnostics_values(self) -> None:
         clock = time.monotonic_ns()
         span_s = max(clock - self._counted_at, 1) / SECOND_NS
         self._counted_at = clock
-        counters = {name: source.sequence_counter for name, source in self._sources.items()}
+        counters = self._counters
         messages = sum(counter.messages for counter in counters.values())
         for key, value in (
             ("messages", messages),
-            ("lost", self._lost()),
+            ("lost", _lost(counters)),
             ("unwritten", self.sink.unwritten),
             ("rate_hz", round((messages - self._seen_before) / span_s, 1)),
             ("bytes", self.sink.size),
@@ -324,9 +309,6 @@ class RecorderNode(LoopNode):
             self.health.value(key, value)
         self._seen_before = messages
 
-    def _lost(self) -> int:
-        return sum(source.sequence_counter.lost for source in self._sources.values())
-
     def _notes(self) -> dict[str, str]:
         """Return the recorder's notes in the file."""
         counters = {n: self._sources[n].sequence_counter for n in sorted(self.sink.topics)}
@@ -335,7 +317,7 @@ class RecorderNode(LoopNode):
             "started_ns": str(self._started_ns),
             "stopped_ns": str(self._stopped_ns or ""),
             "messages": str(self.sink.messages),
-            "lost": str(self._lost()),
+            "lost": str(_lost(self._counters)),
             "unwritten": str(self.sink.unwritten),
             "crowded": " ".join(_crowded(counters)),
             "unnumbered": " ".join(unnumbered),
@@ -345,29 +327,32 @@ class RecorderNode(LoopNode):
 
     def _log_summary(self) -> None:
         seconds = (self._stopped_ns - self._started_ns) / SECOND_NS
-        all_counters = (source.sequence_counter for source in self._sources.values())
-        counters = [counter for counter in all_counters if counter.messages]
+        counters = [counter for counter in self._counters.values() if counter.messages]
         uncounted = sum(not counter.is_exact for counter in counters)
-        lost = lost_text({n: s.sequence_counter for n, s in self._sources.items()})
+        lost = lost_text(self._counters)
         if uncounted:
             lost += f" (not countable on {uncounted} topics with several publishers)"
         if self.sink.unwritten:
             lost += f", {self.sink.unwritten} could not be written"
         sys.stdout.write(
             f"recorded {self.sink.messages} messages on {len(counters)} topics in {seconds:.1f} s,"
-            f" {lost}, {self.sink.size / 1e6:.1f} MB: {self.sink.options.target}\n"
+            f" {lost}, {self.sink.size / 1e6:.1f} MB: {self.sink.target}\n"
         )
         sys.stdout.flush()
 
 
 def lost_text(counters: Mapping[str, SequenceCounter]) -> str:
     """Return how much was lost: of how many, and on which topic most."""
-    lost = sum(counter.lost for counter in counters.values())
+    lost = _lost(counters)
     if not lost:
         return "lost 0"
     sent = lost + sum(counter.messages for counter in counters.values())
     name, worst = max(counters.items(), key=lambda item: item[1].lost)
     return f"lost {lost} of {sent} ({100.0 * lost / sent:.2g} %), most on {name} ({worst.lost})"
+
+
+def _lost(counters: Mapping[str, SequenceCounter]) -> int:
+    return sum(counter.lost for counter in counters.values())
 
 
 def _crowded(counters: Mapping[str, SequenceCounter]) -> list[str]:

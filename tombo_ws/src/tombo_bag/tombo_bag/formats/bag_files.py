@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tombo_bag.formats.unpacking import Allowance
 from tombo_bag.schemas import Types, known_types
 from tombo_dynamics.errors import InputError
 
@@ -95,18 +94,12 @@ class BagFile(ABC):
 
 
 def by_topic(
-    path: Path, topics: Iterable[str], rows: Iterable[tuple[str, int, bytes]]
+    topics: Iterable[str], rows: Iterable[tuple[str, int, bytes]]
 ) -> dict[str, RawMessages]:
-    """Return messages of these topics, of which topic, log time [ns] and bytes come as rows.
-
-    Raises:
-        InputError: they are more than the memory for one file.
-    """
+    """Return messages of these topics, of which topic, log time [ns] and bytes come as rows."""
     times: dict[str, list[int]] = {topic: [] for topic in topics}
     messages: dict[str, list[bytes]] = {topic: [] for topic in times}
-    allowance = Allowance(path)
     for topic, time, message in rows:
-        allowance.take(len(message))
         times[topic].append(time)
         messages[topic].append(message)
     return {topic: in_log_order(of, of, messages[topic]) for topic, of in times.items()}

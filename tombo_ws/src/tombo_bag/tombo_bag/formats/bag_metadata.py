@@ -28,61 +28,43 @@ class TopicEntry:
     messages: int
 
 
-@dataclass(frozen=True)
-class FileEntry:
-    """One file of a bag: name in the folder, log times of first and last message, their number."""
-
-    name: str
-    first_ns: int
-    last_ns: int
-    messages: int
-
-
 def write_metadata(
-    folder: Path,
-    files: Sequence[FileEntry],
-    topics: Sequence[TopicEntry],
-    custom: Mapping[str, str],
+    file: Path, span_ns: tuple[int, int], topics: Sequence[TopicEntry], custom: Mapping[str, str]
 ) -> None:
-    """Write `metadata.yaml`, whole or not at all.
+    """Write `metadata.yaml` next to the file of a bag, whole or not at all.
 
     Args:
-        folder: of the bag.
-        files: in order.
-        topics: of the whole bag.
+        file: of the bag.
+        span_ns: log times of its first and last message.
+        topics: of the bag.
         custom: further values, free of choice.
     """
-    filled = [file for file in files if file.messages]
-    first_ns = min((file.first_ns for file in filled), default=0)
-    last_ns = max((file.last_ns for file in filled), default=0)
+    first_ns, last_ns = span_ns
+    span = {
+        "duration": {"nanoseconds": last_ns - first_ns},
+        "starting_time": {"nanoseconds_since_epoch": first_ns},
+        "message_count": sum(topic.messages for topic in topics),
+    }
     information = {
         "version": VERSION,
         "storage_identifier": "mcap",
-        **_span(first_ns, last_ns),
-        "message_count": sum(file.messages for file in files),
+        **span,
         "topics_with_message_count": [_topic(topic) for topic in topics],
         # empty: rosbag2 does not count the compression of chunks inside the files
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file.name for file in files],
-        "files": [
-            {
-                "path": file.name,
-                **_span(file.first_ns, file.last_ns),
-                "message_count": file.messages,
-            }
-            for file in files
-        ],
+        "relative_file_paths": [file.name],
+        "files": [{"path": file.name, **span}],
         "custom_data": dict(custom) or None,
         "ros_distro": "jazzy",
     }
     text = yaml.safe_dump(
         {"rosbag2_bagfile_information": information}, sort_keys=False, allow_unicode=True
     )
-    unfinished = folder / f".{FILE_NAME}"
+    unfinished = file.with_name(f".{FILE_NAME}")
     try:
         unfinished.write_text(text, encoding="utf-8")
-        os.replace(unfinished, folder / FILE_NAME)
+        os.replace(unfinished, file.with_name(FILE_NAME))
     except OSError:
         unfinished.unlink(missing_ok=True)
         raise
@@ -98,11 +80,4 @@ def _topic(topic: TopicEntry) -> dict[str, Any]:
             "type_description_hash": type_hash(topic.typename),
         },
         "message_count": topic.messages,
-    }
-
-
-def _span(first_ns: int, last_ns: int) -> dict[str, Any]:
-    return {
-        "duration": {"nanoseconds": last_ns - first_ns},
-        "starting_time": {"nanoseconds_since_epoch": first_ns},
     }

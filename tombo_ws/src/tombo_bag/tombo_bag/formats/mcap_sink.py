@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -70,11 +71,18 @@ class McapSink:
     Not for use by several threads at once.
     """
 
-    def __init__(self, path: str | Path, *, chunk_span_ns: int = SECOND_NS) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        records: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+        *,
+        chunk_span_ns: int = SECOND_NS,
+    ) -> None:
         """Create the file, or empty it if it is there.
 
         Args:
             path: file to write.
+            records: metadata records to begin it with: name → values.
             chunk_span_ns: log time after which a chunk is closed and handed to the system.
 
         Raises:
@@ -99,6 +107,8 @@ class McapSink:
             self._file = FileIO(self.path, "wb")
             try:
                 self._put(MAGIC + _bytes(Header(profile="ros2", library="tombo_bag")))
+                for name, values in records.items():
+                    self.add_metadata(name, values)
             except OSError:
                 self._file.close()
                 self.path.unlink()
@@ -145,10 +155,10 @@ class McapSink:
         self._unwritten.append(channel)
         return channel.id
 
-    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write named text values."""
         self._check_open()
-        record = _bytes(Metadata(name=name, metadata=values))
+        record = _bytes(Metadata(name=name, metadata=dict(values)))
         index = MetadataIndex(self.size, len(record), name)
         self._put(record)
         self._metadata.append(index)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
 from tombo_bag.formats.chunks import HEAD, MAGIC
 from tombo_bag.formats.scan import ChunkPlace, extract_messages, index_chunk, open_chunk, walk
-from tombo_bag.formats.unpacking import Allowance
 from tombo_bag.schemas import Types, parse_schema, ros1_as_cdr, ros1_store
 from tombo_dynamics.errors import InputError
 
@@ -60,9 +59,7 @@ class Bag(BagFile):
         topic_of = {number: topic for topic in here for number in self._numbers[topic]}
         heads: dict[str, list[NDArray[np.void]]] = {topic: [] for topic in here}
         messages: dict[str, list[bytes]] = {topic: [] for topic in here}
-        allowance = Allowance(self.path)
         for number, head, part in self._pieces(tuple(topic_of)):
-            allowance.take(int(head["length"].sum()))
             heads[topic_of[number]].append(head)
             messages[topic_of[number]] += part
         for topic in here:
@@ -138,7 +135,7 @@ class Bag(BagFile):
 
     def _open(self, place: ChunkPlace) -> bytes | memoryview:
         try:
-            return open_chunk(place, Allowance(self.path).left)
+            return open_chunk(place)
         except ValueError as error:
             place.index = {}
             if str(error) not in self.damage:

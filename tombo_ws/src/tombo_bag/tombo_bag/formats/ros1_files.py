@@ -16,7 +16,7 @@ from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag1.reader import Header, IndexData, ReaderError, RecordType
 
 from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, by_topic
-from tombo_bag.formats.unpacking import Allowance, unpack
+from tombo_bag.formats.unpacking import unpack
 from tombo_bag.schemas import Types, ros1_as_cdr, ros1_store
 from tombo_dynamics.errors import InputError
 
@@ -35,14 +35,13 @@ class Ros1Reader(rosbag1.Reader):
             super().close()
 
     def read_chunk(self) -> rosbag1.Chunk:
-        """Read the header of a chunk, which is not unpacked to more than it states."""
+        """Read the header of a chunk, of which a part can be unpacked, too."""
         assert self.bio is not None
         place = self.bio.tell()
         header = Header.read(self.bio)
         self.bio.seek(place)
-        how, stated = header.get_string("compression"), header.get_uint32("size")
-        size = min(stated, Allowance(Path(str(self.path))).left)
-        return super().read_chunk()._replace(decompressor=lambda data: unpack(how, data, size))
+        how = header.get_string("compression")
+        return super().read_chunk()._replace(decompressor=lambda data: unpack(how, data))
 
     def mend(self) -> list[str]:
         """Index all messages that are whole; return the losses, a line each.
@@ -165,7 +164,7 @@ class Ros1File(BagFile):
                 if message is not None:
                     yield topic, time, message
 
-        read = by_topic(self.path, topics, rows() if connections else ())
+        read = by_topic(topics, rows() if connections else ())
         for topic, count in (+lost).items():
             self.damage.append(f"{count} rows of topic {topic} are no messages of its type")
         return read

@@ -154,16 +154,14 @@ def _stopped(file_map: FileMap, file: memoryview, at: int) -> str:
     return f"file cut off at byte {at}: the {len(file) - at} bytes from there are no whole record"
 
 
-def open_chunk(place: ChunkPlace, largest: int) -> bytes | memoryview:
-    """Decompress a chunk of at most `largest` bytes, as far as it is there, and check it.
+def open_chunk(place: ChunkPlace) -> bytes | memoryview:
+    """Decompress a chunk, as far as it is there, and check it.
 
     Raises:
         ValueError: it can't be read, and why.
     """
     try:
-        if place.size > largest:
-            raise ValueError(f"it states {place.size} bytes; more only with --unpack-limit")
-        data: bytes | memoryview = unpack(place.compression, place.data, place.size)
+        data: bytes | memoryview = unpack(place.compression, place.data)
         if place.whole and len(data) != place.size:
             raise ValueError(f"{len(data)} bytes instead of {place.size}")
         if place.whole and place.checksum and zlib.crc32(data) != place.checksum:

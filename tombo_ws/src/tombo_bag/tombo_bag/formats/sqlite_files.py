@@ -53,7 +53,7 @@ class SqliteFile(BagFile):
         wanted = f"topic_id IN ({', '.join(map(str, here))})"
         rows = self._rows("topic_id, timestamp, data", wanted)
         named = ((here[number], time, data) for number, time, data in rows)
-        return by_topic(self.path, here.values(), named)
+        return by_topic(here.values(), named)
 
     def types(self, topic: str) -> Types:
         """Return a topic's type as the file describes it, else as ROS 2 Jazzy does."""

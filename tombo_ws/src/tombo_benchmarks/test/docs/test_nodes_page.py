@@ -49,7 +49,7 @@ def test_every_parameter_is_one_that_its_node_has():
         assert sections <= set(node.sections)
         assert set(given) - sections - {"effects"} <= set(node.parameters)
         if node.name == "recorder":
-            assert {"output", "single_file", "metadata_file"} <= set(node.parameters)
+            assert {"output", "metadata_file"} <= set(node.parameters)
         if "effects" in given:
             assert node.name == "sim"
 

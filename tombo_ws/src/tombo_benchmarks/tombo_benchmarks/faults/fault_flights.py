@@ -104,7 +104,7 @@ def _fly(
         scenario=scenario,
         seed=seed,
         folder=folder / "suite",
-        recording={"single_file": str(bag)},
+        recording={"output": str(bag)},
         domain=free_domain(os.getpid(), udp_ports()),
         monitor=("--flight",),
     )

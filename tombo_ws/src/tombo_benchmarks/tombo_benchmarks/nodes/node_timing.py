@@ -41,7 +41,7 @@ def running_suite(vehicles: int) -> Iterator[tuple[RunningSuite, Path]]:
             load_scenario(*(["hover"] if vehicles else [])),
             0,
             Path(folder) / "suite",
-            {"single_file": str(bag)},
+            {"output": str(bag)},
             domain=free_domain(os.getpid(), udp_ports()),
             vehicles=vehicles,
         )

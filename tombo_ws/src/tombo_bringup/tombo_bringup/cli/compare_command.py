@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from tombo_bringup.cli.options import Copies, Unpacking, argument, command, option, record
+from tombo_bringup.cli.options import Copies, argument, command, option, record
 from tombo_bringup.cli.result_files import Place, compute_into
 from tombo_bringup.cli.tables import show_page
 
@@ -29,7 +29,7 @@ class _Recordings:
 
 
 @command(app, epilog=COMPARE_EXIT_CODES)
-def compare(given: _Recordings, unpacking: Unpacking, copies: Copies) -> None:
+def compare(given: _Recordings, copies: Copies) -> None:
     """Compare two recordings topic by topic: every message, every field, to the last bit.
 
     With --topic each field that differs is listed, too. Messages are paired by the stamp of their

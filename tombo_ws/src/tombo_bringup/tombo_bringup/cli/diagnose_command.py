@@ -73,7 +73,6 @@ def diagnose(
     model: options.ModelFile,
     imports: options.Imports,
     reading: options.Reading,
-    unpacking: options.Unpacking,
     results: options.Results,
 ) -> None:
     """Say what the simulation gets wrong in measured flights, name the cause, measure the gain.

@@ -269,17 +269,6 @@ def _duration(duration: float | None) -> float | None:
     return duration
 
 
-def _let_unpack(ctx: typer.Context, limit_gb: float | None) -> float | None:
-    """Set the limit until the command ends."""
-    from tombo_bag.formats.unpacking import GIGABYTE, unpacking_up_to
-
-    if limit_gb is not None and not 0.0 < limit_gb < 1e6:
-        raise InputError(f"--unpack-limit {limit_gb:g}: out of bounds; accepted: a number above 0")
-    limit = None if limit_gb is None else int(limit_gb * GIGABYTE)
-    ctx.with_resource(unpacking_up_to(limit))
-    return limit_gb
-
-
 def _output(output: str | None) -> str | None:
     if output is not None and not output.strip():
         raise InputError(f"-o '{output}': no name; accepted: a folder, new or empty")
@@ -498,18 +487,6 @@ class Topics:
 @record
 class Reading(LogMapping, Topics):
     """Columns and topics of a log."""
-
-
-@record
-class Unpacking:
-    """Limit on the size of an unpacked file."""
-
-    unpack_limit: float | None = option(
-        "--unpack-limit GB",
-        "Unpack a compressed file to at most this size; default: a quarter of the memory.",
-        accepted="a number of gigabytes",
-        check=_let_unpack,
-    )
 
 
 @record

@@ -35,7 +35,6 @@ def from_flights(
     known: options.VehicleName,
     reading: options.LogMapping,
     force: options.Force,
-    unpacking: options.Unpacking,
     shown: options.Shown,
 ) -> None:
     """Fit thrust, motor lag, inertia and drag to healthy flights, and write a vehicle file.

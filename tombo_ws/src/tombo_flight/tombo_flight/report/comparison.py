@@ -17,13 +17,9 @@ def comparison_page(
         name_b: of the second one.
         fields: a row for each field that differs, too, not for each topic alone.
     """
-    differing = sum(not topic.equal for topic in comparison.topics)
+    differing = sum(topic.first is not None for topic in comparison.topics)
     total = len(comparison.topics)
-    remarks = []
-    if comparison.left_out:
-        remarks.append(f"Not compared without --topic: {', '.join(comparison.left_out)}.")
-    if differing and not fields:
-        remarks.append("Each field that differs: --topic NAME, or --json.")
+    remarks = ["Each field that differs: --topic NAME, or --json."] * (differing and not fields)
     items: list[Item] = [_topics(comparison)]
     if fields and any(topic.fields for topic in comparison.topics):
         items.append(_fields(comparison))
@@ -46,7 +42,7 @@ def _topics(comparison: Comparison) -> Table:
         stamp_ns, difference = topic.first or (None, "")
         rows.append((
             *(topic.topic, str(topic.messages_a), str(topic.messages_b)),
-            Cell("equal", "good") if topic.equal else Cell("differs", "bad"),
+            Cell("equal", "good") if topic.first is None else Cell("differs", "bad"),
             "" if stamp_ns is None else _time(comparison, stamp_ns),
             difference,
         ))  # fmt: skip

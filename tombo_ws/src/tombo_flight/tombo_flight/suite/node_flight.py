@@ -167,7 +167,7 @@ def fly_nodes_and_save(
             scenario=scenario,
             seed=seed,
             folder=Path(scratch) / "suite",
-            recording={"single_file": str(bag.absolute()), "metadata_file": str(metadata)},
+            recording={"output": str(bag.absolute()), "metadata_file": str(metadata)},
             speed=speed,
             lockstep=lockstep,
             domain=_domain(px4) if domain is None else domain,

@@ -1,17 +1,13 @@
 """Logs, tables and mappings of others: damaged, too large or of another kind."""
 
-import gzip
-
 import numpy as np
 import pytest
 from log_writers import write_ulog
 from made_flight import made_flight, poses_only, with_series
 
 from tombo_bag.flight import Series
-from tombo_bag.formats.unpacking import unpacking_up_to
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks.pipeline import check_log
-from tombo_logs.readers.csv_table import open_table
 from tombo_logs.readers.log_reader import read_log
 
 SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"
@@ -31,13 +27,6 @@ def test_a_damaged_ulog_is_read_before_and_behind_the_damage(tmp_path, log):
     damaged = read_log(path, "x")
     assert any("damaged" in finding.message for finding in damaged.findings)
     assert 60 < damaged.series["position"].t.size <= 100
-
-
-def test_a_packed_table_that_unpacks_beyond_the_limit_is_refused(tmp_path):
-    path = tmp_path / "x.csv.gz"
-    path.write_bytes(gzip.compress(b"t,x\n" + bytes(4_000_000)))
-    with unpacking_up_to(10**6), pytest.raises(InputError, match="unpacks to more than"):
-        open_table(path)
 
 
 def test_stamps_that_reach_over_years_are_refused(log):

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tombo_bag.formats.unpacking import GZIP_MAGIC, Allowance, unpack_file
+from tombo_bag.formats.unpacking import GZIP_MAGIC, unpack_file
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_logs.readers.mocap_exports import as_table
@@ -129,7 +129,7 @@ def open_table(path: Path) -> CsvTable:
     damage: tuple[str, ...] = ()
     if raw.startswith(GZIP_MAGIC):
         out = io.BytesIO()
-        wrong = unpack_file(io.BytesIO(raw), out, Allowance(path))
+        wrong = unpack_file(io.BytesIO(raw), out)
         raw = out.getvalue()
         if wrong and not raw:
             raise InputError(f"'{path}' can't be unpacked: {wrong}")

@@ -45,7 +45,6 @@ def replay(
     imports: options.Imports,
     topics: options.Topics,
     settings: options.Settings,
-    unpacking: options.Unpacking,
     copies: options.Copies,
 ) -> None:
     """Feed a recorded run to the nodes' own code and compare the outputs with the recorded ones.

@@ -33,7 +33,6 @@ def diagnose(
     reading: options.LogMapping,
     propeller: options.Propeller,
     model: options.ModelFile,
-    unpacking: options.Unpacking,
     results: options.Results,
 ) -> None:
     """Say what the propeller model gets wrong in thrust-stand data, name the cause, or the set.

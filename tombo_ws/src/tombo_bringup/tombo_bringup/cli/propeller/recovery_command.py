@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from tombo_bringup.cli.options import Results, Unpacking, argument, option, record
+from tombo_bringup.cli.options import Results, argument, option, record
 
 
 @record
@@ -27,7 +27,7 @@ class _Trace:
     )
 
 
-def recovery(given: _Trace, unpacking: Unpacking, results: Results) -> None:
+def recovery(given: _Trace, results: Results) -> None:
     """Find the collisions in a trace, and the time until 90 % of the thrust are back.
 
     Each comes with a 95 % interval; one that does not recover in the trace comes out as "more

@@ -16,7 +16,7 @@ mine = yaml.safe_load(file.read_text())["/**/recorder"]["ros__parameters"]
 
 signal.signal(signal.SIGINT, lambda number, frame: sys.exit(0))
 json.loads(Path(mine["metadata_file"]).read_text())
-shutil.copyfile(os.environ["FAKE_BAG"], mine["single_file"])
+shutil.copyfile(os.environ["FAKE_BAG"], mine["output"])
 shutil.copyfile(mine["metadata_file"], os.environ["FAKE_METADATA"])  # the flight waits for it
 if os.environ["FAKE_FLIGHT"] == "interrupt":
     os.kill(os.getppid(), signal.SIGINT)
