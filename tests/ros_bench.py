@@ -237,3 +237,10 @@ def vector(values: Any) -> Any:
     from geometry_msgs.msg import Vector3
 
     return Vector3(x=float(values[0]), y=float(values[1]), z=float(values[2]))
+
+
+def point(values: Any) -> Any:
+    """Return three numbers as a geometry_msgs/Point."""
+    from geometry_msgs.msg import Point
+
+    return Point(x=float(values[0]), y=float(values[1]), z=float(values[2]))

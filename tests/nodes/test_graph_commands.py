@@ -54,7 +54,7 @@ def test_parameters_are_listed_set_refused_and_written(mission):
     name = "mission.height"
     assert name in look("param", "list", "mission")
     assert look("param", "set", "mission", name, "1.7") == {"set": True, "reason": ""}
-    refused = look("param", "set", "mission", name, "99", code=1)
+    refused = look("param", "set", "mission", name, "99.0", code=1)
     assert not refused["set"] and "out of range" in refused["reason"]
     assert look("param", "get", "mission", name) == 1.7
     (file,) = yaml.safe_load(look("param", "dump", "mission").stdout).values()

@@ -1,4 +1,4 @@
-"""The mission over DDS, stepped by /clock: a plan flown to the end, and begun in flight."""
+"""The mission over DDS, stepped by /clock: courses, goals, and an operator's commands."""
 
 import itertools
 import time
@@ -13,7 +13,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from reports import heard, told
 
-from ros_bench import vector
+from ros_bench import point, vector
 from tombo_bag.topics import (
     CLOCK,
     DIAGNOSTICS,
@@ -25,11 +25,10 @@ from tombo_bag.topics import (
     SETPOINT,
 )
 from tombo_msgs.action import FlyCourse
-from tombo_msgs.msg import MissionStatus, ReactionStatus
-from tombo_ros.conversion import array, point, to_ns, to_time
+from tombo_msgs.msg import MissionStatus
+from tombo_ros.conversion import array, to_ns, to_time
 
 MS = 1_000_000
-X_R = np.array([0.3, 0.1, 0.8])
 PLAN = {
     "takeoff_time": 0.2,
     "height": 0.8,
@@ -43,25 +42,17 @@ PLAN = {
 class Flight:
     """A vehicle that is where the mission wants it, and a reaction that agrees."""
 
-    def __init__(self, world, start, place=(0.0, 0.0, 0.18), reaction=None, more=()):
+    def __init__(self, world, start, more=()):
         self.world = world
-        self.place, self.velocity = np.array(place, float), np.zeros(3)
+        self.place, self.velocity = np.array([0.0, 0.0, 0.18]), np.zeros(3)
         world.now_ns = 1_763_700_000_123_456_789
         world.subscribe(MISSION_SETPOINT, MISSION_STATUS, DIAGNOSTICS)
-        if reaction is not None:
-            self.react(**reaction)
         arguments = [f"mission.{name}:={value}" for name, value in PLAN.items()]
         arguments += ["use_sim_time:=true", *more]
         self.node = start("tombo_control.mission_node", *(a for p in arguments for a in ("-p", p)))
         world.meet(CLOCK, ODOMETRY, SETPOINT, REACTION_STATUS)
         world.meet(MISSION_SETPOINT, MISSION_STATUS, DIAGNOSTICS)
         heard(world, MISSION_SETPOINT, meanwhile=lambda: self._publish(MS))  # nothing gets old
-
-    def react(self, state=ReactionStatus.REACTING, x_r=X_R, age_s=0.0):
-        message = ReactionStatus(state=state, collisions=1)
-        message.header.stamp = to_time(self.world.now_ns - round(1e9 * age_s))
-        message.x_r = point(x_r)
-        self.world.publish(REACTION_STATUS, message)
 
     def _publish(self, by_ns=20 * MS):
         world = self.world
@@ -93,17 +84,12 @@ class Flight:
         self.velocity = (self.place - before) / 0.02
         return said[-1]
 
-    def until(self, phase, patience_s=6.0, pause_s=0.0):
+    def until(self, phase, patience_s=6.0):
         for _ in range(round(patience_s * 50)):
             said = self.step()
-            time.sleep(pause_s)
             if said.phase == phase:
                 return said
         raise AssertionError(f"never in phase {phase}")
-
-    def phases(self):
-        self.world.hear()
-        return [m.phase for m in self.world.heard[MISSION_STATUS.name]]
 
 
 def _goal(x, y, z=0.0):
@@ -196,16 +182,6 @@ def test_flies_courses_and_goals_that_are_commanded(world, start):
     text = told(world, "mission", "goal_refused", begun, meanwhile=flight.step)
     assert "frame 'odom'; accepted: map" in text
     assert flight.node.end() == 0
-
-
-def test_begun_in_flight_after_a_collision_it_goes_to_x_r(world, start):
-    more = ["mission.hold_time:=5.0"]
-    flight = Flight(world, start, (0.6, 0.1, 0.7), {"age_s": 2.0}, more)
-    # DDS may bring the latched status later than the first estimates: it holds until then
-    said = flight.until(MissionStatus.REACT, pause_s=0.02)
-    assert array(said.position) == pytest.approx(X_R)
-    flight.until(MissionStatus.LAND, patience_s=12.0)
-    assert MissionStatus.TAKEOFF not in flight.phases()
 
 
 def test_an_operator_takes_off_and_lands_by_services(world, start):

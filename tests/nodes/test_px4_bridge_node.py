@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Quaternion
 from pymavlink.dialects.v20 import common as mav
 from rclpy.executors import SingleThreadedExecutor
 from reports import heard, told
@@ -15,13 +15,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from in_time import in_time
 from modified_px4 import ModifiedPx4
+from ros_bench import point
 from tombo_bag.topics import BATTERY, DIAGNOSTICS, IMU, MOCAP_POSE, ODOMETRY, PX4_STATUS, SETPOINT
 from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_msgs.msg import MissionStatus, PositionSetpoint
 from tombo_px4.link.mavlink_link import Link
 from tombo_px4.modes import AUTO_LAND, OFFBOARD
 from tombo_px4.protocol.requests import ParameterServer
-from tombo_ros.conversion import array, point, quaternion, to_ns, to_time
+from tombo_ros.conversion import array, to_ns, to_time
 
 MS, SECOND = 1_000_000, 1_000_000_000
 NODE = "tombo_px4.px4_bridge_node"
@@ -87,7 +88,8 @@ class Lab:
         pose = PoseStamped()
         pose.header.stamp, pose.header.frame_id = to_time(captured), "map"
         pose.pose.position = point(self.px4.place + self._rng.normal(0, 0.0005, 3))
-        pose.pose.orientation = quaternion(self.px4.attitude)
+        x, y, z, w = self.px4.attitude.tolist()
+        pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
         self.captures.append(captured)
         self.world.publish(MOCAP_POSE, pose)
         wish = PositionSetpoint(phase=self.phase)

@@ -65,11 +65,6 @@ def test_every_target_of_make_is_one(page):
     assert set(MAKE.findall(blocks)) - targets == set()
 
 
-def test_a_wrong_option_is_seen():
-    with pytest.raises(TyperException):
-        parse(["fly", "--no-such-option"])
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page):
     text = page.read_text(encoding="utf-8")

@@ -16,23 +16,13 @@ class SequenceCounter:
         self.lost = 0
         self.multiple_publishers = False
         """There was more than one publisher at some time: losses of that time are not counted."""
-        self.without_sequence = False
-        """The middleware gives no numbers: losses can't be counted."""
         self._last: int | None = None
         self._gaps = 0
         self._shared = False
 
-    @property
-    def is_exact(self) -> bool:
-        """Whether `lost` says all."""
-        return not (self.multiple_publishers or self.without_sequence)
-
-    def seen(self, number: int | None) -> None:
+    def seen(self, number: int) -> None:
         """Count a message; a number that is not above the last one is a new publisher's."""
         self.messages += 1
-        if number is None:
-            self.without_sequence = True
-            return
         if self._last is not None and number > self._last:
             self._gaps += number - self._last - 1
         self._last = number

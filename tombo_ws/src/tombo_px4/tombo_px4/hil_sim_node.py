@@ -56,10 +56,10 @@ class HilSimNode(VehicleNode):
         self._began_ns = 0
         """Time of tick 0."""
 
-    def spin(self) -> None:
+    def begin(self) -> None:
         """Show the obstacle, then wait for PX4."""
         self.publish_obstacle(time.time_ns())
-        super().spin()
+        super().begin()
 
     def step(self, now_ns: int) -> None:
         """Fly the steps that are due, and log what has happened."""

@@ -117,11 +117,11 @@ class Px4SimNode(VehicleNode):
                 raise InputError(f"px4.{refusal}")
         return table
 
-    def spin(self) -> None:
+    def begin(self) -> None:
         """Show the obstacle, then fly."""
         self._began_ns = time.time_ns()
         self.publish_obstacle(self._began_ns)
-        super().spin()
+        super().begin()
 
     def step(self, now_ns: int) -> None:
         """Fly up to now, and answer the messages of the links.

@@ -34,11 +34,6 @@ class _Counted:
     name: str = "none"
 
 
-def _no_cats(name: str) -> None:
-    if name == "cat":
-        raise InputError("animal: 'cat' is not wanted; accepted: any other")
-
-
 def _messages(values: dict[str, Any]) -> list[Any]:
     return [
         Parameter(name.replace("__", "."), value=value).to_parameter_msg()
@@ -70,7 +65,7 @@ class _Served:
         self.parameters = RecordParameters(self.node, records, fixed=("propeller",))
         self.parameters.declare("speed", 1.0, "how fast", bounds=(0.0, 10.0), read_only=False)
         self.parameters.declare("seed", 4, "random seed", bounds=(0, 100))
-        self.parameters.declare("animal", "dog", "kept", check=_no_cats, read_only=False)
+        self.parameters.declare("animal", "dog", "kept", read_only=False)
         self.parameters.declare("topics", [], "to record", read_only=False)
         self.executor.add_node(self.node)
         self.thread.start()
@@ -159,9 +154,8 @@ def test_a_field_is_set_and_the_record_replaced_as_a_whole(served: _Served) -> N
         ({"estimator__jump_min": "far"}, "expected 'Type.DOUBLE' got 'Type.STRING'"),
         ({"estimator__jump_min": True}, "expected 'Type.DOUBLE' got 'Type.BOOL'"),
         ({"counted__number": 10}, "counted.number"),
-        ({"counted__number": 2.5}, "expected 'Type.INTEGER' got 'Type.DOUBLE'"),
+        ({"estimator__jump_min": 2}, "expected 'Type.DOUBLE' got 'Type.INTEGER'"),
         ({"speed": -1.0}, "speed"),
-        ({"animal": "cat"}, "accepted: any other"),
         ({"seed": 5}, "seed"),
         ({"estimator__jmup_min": 1.0}, "undeclared"),
         ({"propeller__conf": 10}, "propeller.conf is read-only: it is used at the start"),
@@ -199,17 +193,6 @@ def test_a_structure_is_set_as_yaml_in_a_text(served: _Served) -> None:
     assert served.parameters.records["mission"].course is None
     started = _started(('mission.course:="[{x: 2.0}]"',))
     assert started.records["mission"].course == (Waypoint(x=2.0),)
-
-
-@pytest.mark.slow
-def test_a_whole_number_is_taken_where_a_fraction_is_meant(served: _Served) -> None:
-    results = served.set(estimator__jump_min=2, speed=3)
-    assert all(result.successful for result in results)
-    assert served.stored("estimator.jump_min") == served.parameters.get("speed") - 1.0 == 2.0
-    assert isinstance(served.parameters.records["estimator"].jump_min, float)
-    assert isinstance(served.parameters.get("speed"), float)
-    (result,) = served.set(estimator__jump_min=101)
-    assert not result.successful
 
 
 @pytest.mark.slow
@@ -267,7 +250,6 @@ def test_values_given_at_the_start_are_taken(_domain: None) -> None:
         ("counted.number:=2.5", "counted.number: 2.5 is no integer"),
         ("counted.on:=1", "counted.on"),
         ("speed:=11", "speed"),
-        ("animal:=cat", "cat"),
     ],
 )
 def test_bad_values_at_the_start_are_refused(_domain: None, argument: str, named: str) -> None:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Quaternion
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import SECOND_NS
@@ -28,14 +27,3 @@ def array(value: Any) -> Array:
     if hasattr(value, "w"):
         return np.array([value.x, value.y, value.z, value.w])
     return np.array([value.x, value.y, value.z])
-
-
-def point(values: Any) -> Point:
-    """Return three numbers as a Point."""
-    return Point(x=float(values[0]), y=float(values[1]), z=float(values[2]))
-
-
-def quaternion(values: Any) -> Quaternion:
-    """Return four numbers, xyzw, as a Quaternion."""
-    x, y, z, w = (float(value) for value in values)
-    return Quaternion(x=x, y=y, z=z, w=w)

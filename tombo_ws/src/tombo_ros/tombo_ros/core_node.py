@@ -172,17 +172,10 @@ class CoreNode(LoopNode):
         if others is self.core_inputs:
             self.step_core(present_ns)
 
-    def spin_lockstep(self) -> None:
-        """Run the ticks that the simulator gives."""
-        self._lockstep_member().spin(self._step_lockstep, self._idle)
-
-    def lockstep_ticks(self) -> Iterator[bool]:
-        """Run the ticks that have come, again and again, between those of other nodes."""
-        return self._lockstep_member().ticks(self._step_lockstep, self._idle)
-
-    def _lockstep_member(self) -> LockstepMember:
+    def lockstep_ticks(self, alone: bool) -> Iterator[bool]:
+        """Run the ticks that the simulator gives, again and again."""
         kind = type(self.core)
-        return LockstepMember(
+        member = LockstepMember(
             self,
             kind.name,
             {source.topic: source.subscription for source in self.core_inputs},
@@ -190,6 +183,7 @@ class CoreNode(LoopNode):
             kind.period_ns,
             kind.steps_on_messages,
         )
+        return member.ticks(self._step_lockstep, self._idle, alone)
 
     def _step_lockstep(self, now_ns: int, messages: list[list[ReceivedMessage]]) -> None:
         self._now_ns = now_ns
@@ -293,7 +287,7 @@ def warm_up(core: Core) -> None:
         core.step(now_ns)
 
 
-class NodeMain:
+class main_of:
     """The main function of a node."""
 
     def __init__(self, make: Callable[[], LoopNode]) -> None:
@@ -303,6 +297,3 @@ class NodeMain:
     def __call__(self, argv: Sequence[str] | None = None) -> None:
         """Run the node."""
         sys.exit(run(self.make, argv))
-
-
-main_of = NodeMain

@@ -89,7 +89,7 @@ class LockstepMember:
         period_ns: int,
         steps_on_messages: bool,
     ) -> None:
-        """Advertise the answers; `spin` says that the node is ready.
+        """Advertise the answers; `ticks` says that the node is ready.
 
         Args:
             node: the node.
@@ -111,23 +111,18 @@ class LockstepMember:
         self._period_ns = period_ns
         self._steps_on_messages = steps_on_messages
 
-    def spin(
-        self, step: Callable[[int, list[list[ReceivedMessage]]], None], idle: Callable[[], None]
-    ) -> None:
-        """Run tick after tick until the node is to end; arguments and errors as `ticks`."""
-        for waits in self.ticks(step, idle):
-            if waits:
-                self._waiter.wait(_IDLE_PERIOD_NS)
-                idle()
-
     def ticks(
-        self, step: Callable[[int, list[list[ReceivedMessage]]], None], idle: Callable[[], None]
+        self,
+        step: Callable[[int, list[list[ReceivedMessage]]], None],
+        idle: Callable[[], None],
+        alone: bool,
     ) -> Iterator[bool]:
         """Run the ticks that have come, again and again; yield whether none waits to be run.
 
         Args:
             step: takes the time of the tick [ns] and the messages of each input, and publishes.
             idle: called after each tick.
+            alone: sleep until one comes, which then is not waited for.
 
         Raises:
             LockstepError: messages of a tick don't come.
@@ -147,7 +142,10 @@ class LockstepMember:
                 sent = [publisher.sent for publisher in self._outputs.values()]
                 self._done.publish(self._answers.encode(now_ns, sent))
                 idle()
-            yield not self._tick.waiting()
+            if alone and not self._tick.waiting():
+                self._waiter.wait(_IDLE_PERIOD_NS)
+                idle()
+            yield not (alone or self._tick.waiting())
 
     def _collect(self, now_ns: int, counts: Sequence[int]) -> list[list[ReceivedMessage]]:
         """Return the messages of each input up to these counts, as soon as they are there."""

@@ -191,17 +191,6 @@ class LoopNode(ABC):
         """Whether the loop is to end."""
         return self._stopping or not ok()
 
-    def spin(self) -> None:
-        """Run the loop until `stop`, or until ROS is shut down."""
-        self.begin()
-        freeze_garbage()
-        if self.lockstep:
-            self.spin_lockstep()
-        elif self._clock is not None:
-            self._spin_simulated()
-        else:
-            spin_real([self])
-
     def begin(self) -> None:
         """Answer services from now on, and take the real-time priority."""
         for line in self.parameters.unknown():
@@ -214,18 +203,22 @@ class LoopNode(ABC):
         self.health.value("scheduling", scheduling)
         self.ros.get_logger().info(f"running, scheduling {scheduling}")
 
-    def spin_lockstep(self) -> None:
-        """Run the ticks of a lockstep; a node that knows none runs by the wall's clock."""
-        spin_real([self])
-
-    def lockstep_ticks(self) -> Iterator[bool]:
+    def lockstep_ticks(self, alone: bool) -> Iterator[bool] | None:
         """Run the ticks of a lockstep in parts, and yield after each: other nodes come in between.
 
-        It yields whether there was nothing to do.
-        """
-        raise NotImplementedError
+        It yields whether there was nothing to do. None: the node runs by the wall's clock.
 
-    def _spin_simulated(self) -> None:
+        Args:
+            alone: no other node shares the thread, so it sleeps while it has nothing to do.
+        """
+        return None
+
+    @property
+    def follows_clock(self) -> bool:
+        """Whether `/clock` says when it runs."""
+        return self._clock is not None
+
+    def spin_simulated(self) -> None:
         """Run when the clock has come to the next run, or a message is there."""
         main = self.loops["loop"]
         poll = round(_POLL_SHARE * self.period_ns)
@@ -364,59 +357,42 @@ def spin_real(nodes: Sequence[LoopNode]) -> None:
             due.run(woke)
 
 
-class NodeGroup:
-    """Nodes of one process, in real time or in lockstep, as `run` takes them."""
-
-    def __init__(self, nodes: Sequence[LoopNode]) -> None:
-        self.nodes = nodes
-
-    def spin(self) -> None:
-        """Run the loops until `stop`."""
-        for node in self.nodes:
-            node.begin()
-        freeze_garbage()
-        if self.nodes[0].lockstep:
-            self._spin_lockstep()
-        else:
-            spin_real(self.nodes)
-
-    def _spin_lockstep(self) -> None:
-        parts = {node: node.lockstep_ticks() for node in self.nodes}
-        while parts:
-            waits = True
-            for node, ticks in list(parts.items()):
-                waiting = next(ticks, None)
-                waits &= waiting is not False
-                if waiting is None:
-                    del parts[node]
-            if waits:
-                time.sleep(_LOOK_S)
-
-    def stop(self) -> None:
-        """End the loops."""
-        for node in self.nodes:
-            node.stop()
-
-    def end(self) -> None:
-        """Send the last reports and leave the graph."""
-        for node in self.nodes:
-            node.end()
+def spin(nodes: Sequence[LoopNode]) -> None:
+    """Run the loops of nodes in this thread until they are told to stop, or ROS is shut down."""
+    for node in nodes:
+        node.begin()
+    freeze_garbage()
+    alone = len(nodes) == 1
+    if alone and nodes[0].follows_clock:
+        nodes[0].spin_simulated()
+        return
+    ticks = [node.lockstep_ticks(alone) if node.lockstep else None for node in nodes]
+    parts = [part for part in ticks if part is not None]
+    if not parts:
+        spin_real(nodes)
+    while parts:
+        waits = [next(part, None) for part in parts]
+        parts = [part for part, waiting in zip(parts, waits, strict=True) if waiting is not None]
+        if False not in waits:
+            time.sleep(_LOOK_S)
 
 
-def run(make: Callable[[], LoopNode | NodeGroup], argv: Sequence[str] | None = None) -> int:
-    """Be the main function of a node: start, loop, shut down; return the exit code.
+def run(
+    make: Callable[[], LoopNode | Sequence[LoopNode]], argv: Sequence[str] | None = None
+) -> int:
+    """Be the main function of a process: start, loop, shut down; return the exit code.
 
     0 when it was told to stop (SIGINT, SIGTERM, as often as they come), 2 for bad parameters.
     """
     stopped: list[int] = []
-    node: LoopNode | NodeGroup | None = None
+    nodes: list[LoopNode] = []
 
     def ask(number: int, frame: Any) -> None:
         again = bool(stopped)
         stopped.append(number)
-        if node is not None:
+        for node in nodes:
             node.stop()
-        elif not again:  # still in the making: compiled code may take its time to load
+        if not (nodes or again):  # still in the making: compiled code may take its time to load
             raise SystemExit(0)
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -430,13 +406,14 @@ def run(make: Callable[[], LoopNode | NodeGroup], argv: Sequence[str] | None = N
         return _refuse(" ".join(str(error).split()))
     code = 0
     try:
-        node = make()
+        made = make()
+        nodes += [made] if isinstance(made, LoopNode) else made
         if not stopped:
-            node.spin()
+            spin(nodes)
     except (InputError, LockstepError) as error:
         code = _refuse(str(error))
     finally:
-        if node is not None:
+        for node in nodes:
             node.end()
         rclpy.shutdown()
         for number in (signal.SIGINT, signal.SIGTERM):  # Python is about to forget our handler

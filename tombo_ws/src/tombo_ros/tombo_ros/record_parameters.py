@@ -86,7 +86,6 @@ class RecordParameters:
         self.records: dict[str, Any] = dict(records)
         """Section -> the record as it stands."""
         self._plain: dict[str, Any] = {}
-        self._checks: dict[str, Any] = {}
         self._overrides: Mapping[str, Any] = getattr(node, "_parameter_overrides", {})
         for section, record in records.items():
             defaults = _as_parameters(record)
@@ -102,7 +101,6 @@ class RecordParameters:
                     descriptor.additional_constraints = f"{source}; {_READ_ONLY}".lstrip("; ")
                 self._declare(f"{section}.{field.name}", values[field.name], descriptor)
         self._changed: deque[str] = deque()  # filled by the services' thread, emptied by the loop
-        node.add_pre_set_parameters_callback(self._before_set)
         node.add_on_set_parameters_callback(self._on_set)
 
     def declare(
@@ -112,7 +110,6 @@ class RecordParameters:
         doc: str,
         *,
         bounds: tuple[float, float] | None = None,
-        check: Any = None,
         read_only: bool = True,
     ) -> Any:
         """Declare a parameter of the node's own and return its value.
@@ -122,20 +119,16 @@ class RecordParameters:
             default: bool, int, float, str or list of str; its type is the parameter's.
             doc: its meaning, with the unit.
             bounds: of a number, both included.
-            check: called with a new value; raises InputError to refuse it.
             read_only: it can be set at the start only.
 
         Raises:
-            InputError: the value given at the start is of another type, or refused.
+            InputError: the value given at the start is of another type, or out of bounds.
         """
         descriptor = ParameterDescriptor(description=doc, read_only=read_only)
+        value = self._initial_value(name, default)
         if bounds is not None:
             set_range(descriptor, default, bounds)
-            check_number(name, self._initial_value(name, default), "1", bounds)
-        value = self._initial_value(name, default)
-        if check is not None:
-            check(value)
-            self._checks[name] = check
+            check_number(name, value, "1", bounds)
         self._declare(name, value, descriptor)
         if isinstance(value, list):
             value = [text for text in value if text]
@@ -186,20 +179,6 @@ class RecordParameters:
             value = [""]  # an empty array has no type in ROS
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
 
-    def _before_set(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """Take a whole number where a fraction is meant: `ros2 param set ... 1`."""
-        return [
-            Parameter(p.name, value=float(p.value))
-            if p.type_ == Parameter.Type.INTEGER and self._is_fraction(p.name)
-            else p
-            for p in parameters
-        ]
-
-    def _is_fraction(self, name: str) -> bool:
-        section, _, field = name.partition(".")
-        known = self._plain.get(name, getattr(self.records.get(section), field or " ", None))
-        return isinstance(known, float)
-
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Try all new values on copies of the records; take all of them or none."""
         changes: dict[str, dict[str, Any]] = {}
@@ -211,8 +190,6 @@ class RecordParameters:
                 if section in self.records and field:
                     changes.setdefault(section, {})[field] = parameter.value
                 elif parameter.name in self._plain:
-                    if parameter.name in self._checks:
-                        self._checks[parameter.name](parameter.value)
                     plain[parameter.name] = parameter.value
             records = {
                 section: _checked(self.records[section], values, section)

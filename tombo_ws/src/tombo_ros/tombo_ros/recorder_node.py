@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -195,21 +195,20 @@ class RecorderNode(LoopNode):
         elif clock - self._counted_at >= SECOND_NS:
             self._diagnostics_values()
 
-    def spin_lockstep(self) -> None:
+    def lockstep_ticks(self, alone: bool) -> Iterator[bool] | None:
         """Record what each fiftieth tick asks for before the simulator goes on.
 
         Of several vehicles it takes no part: each has ticks of its own.
         """
         if self._several:
-            super().spin_lockstep()
-            return
+            return None
         inputs = {
             spec.name: self._sources[name]
             for name, spec in self._specs.items()
             if spec is not None and spec.name not in UNCOUNTED and name in self._sources
         }
         member = LockstepMember(self, "recorder", inputs, {}, _LOCKSTEP_NS, False)
-        member.spin(lambda now_ns, messages: None, self._idle)
+        return member.ticks(lambda now_ns, messages: None, self._idle, alone)
 
     def _idle(self) -> None:
         now_ns = time.time_ns()
@@ -312,7 +311,6 @@ class RecorderNode(LoopNode):
     def _notes(self) -> dict[str, str]:
         """Return the recorder's notes in the file."""
         counters = {n: self._sources[n].sequence_counter for n in sorted(self.sink.topics)}
-        unnumbered = [name for name, counter in counters.items() if counter.without_sequence]
         return {
             "started_ns": str(self._started_ns),
             "stopped_ns": str(self._stopped_ns or ""),
@@ -320,7 +318,6 @@ class RecorderNode(LoopNode):
             "lost": str(_lost(self._counters)),
             "unwritten": str(self.sink.unwritten),
             "crowded": " ".join(_crowded(counters)),
-            "unnumbered": " ".join(unnumbered),
             **{f"lost:{name}": str(counter.lost) for name, counter in counters.items()},
             **{f"undescribed:{name}": kind for name, kind in self._undescribed.items()},
         }
@@ -328,7 +325,7 @@ class RecorderNode(LoopNode):
     def _log_summary(self) -> None:
         seconds = (self._stopped_ns - self._started_ns) / SECOND_NS
         counters = [counter for counter in self._counters.values() if counter.messages]
-        uncounted = sum(not counter.is_exact for counter in counters)
+        uncounted = sum(counter.multiple_publishers for counter in counters)
         lost = lost_text(self._counters)
         if uncounted:
             lost += f" (not countable on {uncounted} topics with several publishers)"

@@ -2,7 +2,7 @@
 
 Gives mocap poses, IMU, battery and, under `ground_truth/`, ground truth; takes rotor speeds.
 Without `use_sim_time` a tick of 1 ms takes a millisecond and stamps are the system's time; with it
-the node drives `/clock`: faster, slower, paused, step by step, or waiting for each command.
+the node drives `/clock`: faster, slower, paused, or in lockstep with the other nodes.
 """
 
 from __future__ import annotations
@@ -41,8 +41,7 @@ from tombo_sim.simulator import Simulator
 from tombo_sim.vehicle_node import VehicleNode
 
 _BATTERY_TICKS = 100
-_PATIENCE_NS = 200_000_000
-_POLL_NS = 200_000
+_CLOCK_TICKS = round(TICK_HZ / CLOCK.rate_hz)
 _RESUME_NS = 100_000_000
 """Time with commands before the fail-safe hands over."""
 
@@ -65,29 +64,15 @@ class SimNode(VehicleNode):
             "silence of rotor_command [s] after which the fail-safe lands the vehicle",
             bounds=(0.005, 5.0),
         )
-        self.declare(
+        speed = self.declare(
             "speed",
             1.0,
             "with use_sim_time: how many times faster than the wall clock; 0 pauses",
             bounds=(0.0, 100.0),
-            check=self._check_speed,
-            read_only=False,
+            read_only=not self.sim_time,
         )
-        self.declare(
-            "step",
-            0,
-            "with use_sim_time and paused: set to N to go on by N ticks of 1 ms",
-            bounds=(0, 10**9),
-            read_only=False,
-        )
-        self.declare(
-            "imu", True, "false: the IMU falls silent, to try what happens", read_only=False
-        )
-        self._waits = self.sim_time and self.declare(
-            "wait_for_command",
-            False,
-            "with use_sim_time: each tick waits for the command to it, up to 0.2 s",
-        )
+        if speed != 1.0 and not self.sim_time:
+            raise InputError(f"speed: {speed:g}; accepted: 1 without use_sim_time")
         members = self.declare(
             "lockstep_nodes",
             ["estimator", "detector", "reaction", "mission", "controller"],
@@ -99,8 +84,6 @@ class SimNode(VehicleNode):
             "with lockstep: the flight ends then [s], or when it is decided; 0: never",
             bounds=(0.0, 86400.0),
         )
-        clock_rate = self.declare("clock_rate", 250.0, "of /clock [Hz]", bounds=(1.0, 1000.0))
-        self._clock_ticks = max(round(TICK_HZ / clock_rate), 1)
         self._warm_up()
         self._speed_max = 1.5 * self.world.vehicle.rotor_speed_max
         self.attach_simulator(Simulator(self.world, self.seed))
@@ -110,10 +93,8 @@ class SimNode(VehicleNode):
         self._command = np.zeros(4)
         self._command_ns = self._resumed_ns = 0
         self._answered_ns = -1
-        self._asked_ns = self._advanced_ns = 0
         self._refused = 0
         self._latency = LatenessHistogram()
-        self._steps = 0
         self._began_ns = EPOCH_NS
         """Time of tick 0."""
         self._started = False
@@ -139,11 +120,11 @@ class SimNode(VehicleNode):
         self._clock_message = layout(CLOCK.typename, {}).records(1)
         self._codecs = {s.name: MessageCodec(s.typename) for s in (MISSION_STATUS, ROTOR_COMMAND)}
 
-    def spin(self) -> None:
+    def begin(self) -> None:
         """Show the obstacle, then fly."""
         self.publish_obstacle(self.stamp_ns)
         self._set_period()
-        super().spin()
+        super().begin()
 
     @property
     def stamp_ns(self) -> int:
@@ -155,40 +136,25 @@ class SimNode(VehicleNode):
         return self.stamp_ns if self.sim_time else time.time_ns()
 
     def on_parameters_changed(self, name: str) -> None:
-        """Change speed, or take the order to step."""
+        """Change the speed."""
         if name == "speed":
             self._set_period()
-        elif name == "step":
-            self._steps += int(self.parameters.get("step"))
-
-    def _check_speed(self, speed: float) -> None:
-        if not self.sim_time and speed != 1.0:
-            raise InputError(f"speed: {speed:g}; accepted: 1 without use_sim_time")
 
     def _set_period(self) -> None:
         speed = float(self.parameters.get("speed"))
         self.period_ns = round(TICK_NS / speed) if speed > 0.0 else TICK_NS
-        if self._waits:
-            self.period_ns = min(self.period_ns, _POLL_NS)
 
     def step(self, now_ns: int) -> None:
-        """Go on by one tick, if it is time to."""
-        self._take_commands(now_ns)
+        """Go on by one tick, if time does not stand still."""
+        self._take_commands()
         if not self._started:
             self._start(now_ns)
             return
-        if self.sim_time:
-            paused = float(self.parameters.get("speed")) == 0.0
-            if paused and self._steps == 0:
-                self._publish_clock()
-                self._asked_ns = now_ns
-                return
-            if self._waits and not self._may_advance(now_ns):
-                return
-            self._steps -= int(paused)
+        if float(self.parameters.get("speed")) == 0.0:
+            self._publish_clock()
+            return
         self._feel_others()
         self.simulator.advance(self._select_command(now_ns))
-        self._advanced_ns = now_ns
         self.failsafe.observe(self.simulator)
         self._publish()
 
@@ -202,36 +168,11 @@ class SimNode(VehicleNode):
         self._started = True
         self._publish()
 
-    def _may_advance(self, now_ns: int) -> bool:
-        """Return whether to go on: the command to the present tick is there, or won't come.
-
-        Without commands, also before the first one, time goes on as fast as `speed` says, not as
-        fast as it can: a plan would else have waited for its take-off before all nodes have met.
-        """
-        if self._answered_ns >= self.stamp_ns:
-            self._asked_ns = now_ns
-            return True
-        speed = float(self.parameters.get("speed"))
-        due = speed == 0.0 or (now_ns - self._advanced_ns) * speed >= TICK_NS
-        if self._command_ns == 0:
-            self._asked_ns = now_ns
-            return due
-        in_vain = now_ns - self._asked_ns > _PATIENCE_NS
-        self.health.fault(
-            "wait_for_command", in_vain, "no command came for a tick; going on without"
-        )
-        return in_vain and due
-
     def _feel_others(self) -> None:
         plants = [other.simulator.plant for other in self.others]
         set_jets(self.simulator.plant, [jet_of(plant.state, plant) for plant in plants])
 
-    def spin_lockstep(self) -> None:
-        """Fly tick by tick; errors as `lockstep_ticks`."""
-        for _ in self.lockstep_ticks():
-            pass
-
-    def lockstep_ticks(self) -> Iterator[bool]:
+    def lockstep_ticks(self, alone: bool) -> Iterator[bool]:
         """Fly tick by tick, each with the answers of all nodes, until the flight is over.
 
         Other vehicles are seen as of the tick before: all come to each `yield` before one goes on.
@@ -298,7 +239,7 @@ class SimNode(VehicleNode):
     def _idle(self) -> None:
         self.periodic_tasks(time.time_ns(), self.stamp_ns)
 
-    def _take_commands(self, now_ns: int) -> None:
+    def _take_commands(self) -> None:
         for sample in self._commands.take_raw():
             try:
                 command: RotorSpeeds = self._codecs[ROTOR_COMMAND.name].decode(sample.message)
@@ -320,8 +261,7 @@ class SimNode(VehicleNode):
             if sample.received_ns - self._command_ns > self._timeout_ns:
                 self._resumed_ns = sample.received_ns
             self._command, self._command_ns = speed, sample.received_ns
-            if stamp > self._answered_ns:  # an old stamp must not make us wait again
-                self._answered_ns, self._asked_ns = stamp, now_ns
+            self._answered_ns = max(stamp, self._answered_ns)
 
     def _refuse(self, text: str) -> None:
         self._refused += 1
@@ -356,15 +296,14 @@ class SimNode(VehicleNode):
     def _publish(self) -> None:
         simulator, stamp = self.simulator, self.stamp_ns
         plant, tick = simulator.plant, simulator.tick
-        if self.parameters.get("imu"):
-            self._imu_out.send(Imu(stamp, plant.gyro, plant.accel))
+        self._imu_out.send(Imu(stamp, plant.gyro, plant.accel))
         self.publish_tick(self._began_ns)
         if tick % _BATTERY_TICKS == 0:
             lay_in_times(self._battery, "header.stamp", stamp)
             self._battery["voltage"] = plant.supply.voltage
             self._battery["current"] = -plant.supply.current
             self._battery_out.publish(self._battery.tobytes())
-        if tick % self._clock_ticks == 0:
+        if tick % _CLOCK_TICKS == 0:
             self._publish_clock()
 
     def _publish_clock(self) -> None:

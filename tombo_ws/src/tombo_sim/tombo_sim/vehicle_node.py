@@ -30,6 +30,7 @@ from tombo_sim.propeller_effects import vehicle_effects
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
+_TRUTH_TICKS = round(TICK_HZ / TRUE_ODOMETRY.rate_hz)
 _ALL_REPORT_NS = 1_200_000_000
 """Each node reports once a second: by then all have sent a report to the last that came."""
 
@@ -62,9 +63,6 @@ class VehicleNode(LoopNode):
         mocap_rate = self.declare(
             "mocap_rate", 30.0, "rate of the motion capture [Hz]", bounds=(5.0, 500.0)
         )
-        truth_rate = self.declare(
-            "truth_rate", 250.0, "of ground_truth/odometry and rotors [Hz]", bounds=(1.0, 1000.0)
-        )
         names = self.declare(
             "starts_after",
             "",
@@ -85,7 +83,6 @@ class VehicleNode(LoopNode):
         self._awaited = set(names.split())
         self._made_ns = time.time_ns()
         self._begins_ns = 0
-        self._truth_ticks = max(round(TICK_HZ / truth_rate), 1)
         self.world = replace(self._world(mocap_rate), start=(start_x, start_y))
         self._state = np.zeros(13)
 
@@ -171,7 +168,7 @@ class VehicleNode(LoopNode):
         for sample in self.simulator.arrived:
             pose = (FRAME_MAP, sample.pose[:3], sample.pose[3:])
             self._pose_out.send(Pose(began_ns + sample.stamp_ns, *pose))
-        if tick % self._truth_ticks == 0:
+        if tick % _TRUTH_TICKS == 0:
             self._publish_truth(stamp, plant)
         self._publish_contact(stamp, plant)
 

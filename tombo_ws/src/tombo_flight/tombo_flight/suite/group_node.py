@@ -15,7 +15,7 @@ from importlib import import_module
 from tombo_flight.suite.nodes import HOST, SUITE
 from tombo_flight.wiring import CORES
 from tombo_ros.core_node import CoreNode
-from tombo_ros.node_loop import NAMESPACE, LoopNode, NodeGroup, run
+from tombo_ros.node_loop import NAMESPACE, LoopNode, run
 from tombo_sim.sim_node import SimNode
 
 
@@ -32,13 +32,13 @@ def make_node(name: str) -> LoopNode:
         NAMESPACE.reset(token)
 
 
-def make_group(names: Sequence[str]) -> NodeGroup:
+def make_group(names: Sequence[str]) -> list[LoopNode]:
     """Return the nodes of some names."""
     nodes = [make_node(name) for name in names]
     simulators = [node for node in nodes if isinstance(node, SimNode)]
     for simulator in simulators:
         simulator.others = [other for other in simulators if other is not simulator]
-    return NodeGroup(nodes)
+    return nodes
 
 
 def main(argv: Sequence[str] | None = None) -> None:
