@@ -27,9 +27,10 @@ from tombo_diagnosis.flight.cross_validation import (
     fit_without_flight,
     with_parts,
 )
-from tombo_diagnosis.flight.diagnose import diagnose_files
+from tombo_diagnosis.flight.diagnose import diagnose_unchecked
 from tombo_diagnosis.flight.fit.prediction import residuals
 from tombo_dynamics.errors import InputError
+from tombo_logs.readers.log_reader import read_logs
 
 
 def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
@@ -42,7 +43,9 @@ def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
     with TemporaryDirectory(prefix="tombo-benchmark-") as folder:
         try:
             files = fly_case(case, Path(folder))
-            diagnosis, findings = diagnose_files(files, NOMINAL_MODEL, clock=time.perf_counter)
+            diagnosis, findings = diagnose_unchecked(
+                read_logs(files), NOMINAL_MODEL, clock=time.perf_counter
+            )
         except InputError as error:
             # A hidden effect can keep the vehicle from flying at all: that needs no diagnosis.
             return row | {"verdict": "not flown", "why": str(error)}

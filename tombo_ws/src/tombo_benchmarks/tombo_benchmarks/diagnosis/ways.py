@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from tombo_bag.flight import Flight
 from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
 from tombo_diagnosis.diagnosis import Diagnosis
-from tombo_diagnosis.flight.diagnose import check_flights, diagnose_flights
+from tombo_diagnosis.flight.diagnose import check_flights, diagnose_unchecked
 from tombo_diagnosis.flight.nominal import NominalModel, nominal_model
-from tombo_logs.checks.rotors.hover import hover_of
 
 
 def diagnosed(logs: Sequence[Flight], nominal: NominalModel) -> Diagnosis:
@@ -18,9 +17,7 @@ def diagnosed(logs: Sequence[Flight], nominal: NominalModel) -> Diagnosis:
     Raises:
         InputError: none of them can be used.
     """
-    hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
-    checked, refused = check_flights(logs, hover)
-    return diagnose_flights(checked, nominal, left_out=refused)[0]
+    return diagnose_unchecked(logs, nominal)[0]
 
 
 def against_healthy(new: Sequence[Flight], healthy: Sequence[Flight]) -> Diagnosis:

@@ -237,14 +237,16 @@ def _px4(root: Path, data: Path) -> None:
 
 def _diagnosis(root: Path, data: Path) -> None:
     from tombo_diagnosis.diagnosis import diagnosis_mapping
-    from tombo_diagnosis.flight.diagnose import diagnose_files
+    from tombo_diagnosis.flight.diagnose import diagnose_unchecked
     from tombo_diagnosis.flight.nominal import nominal_model
     from tombo_diagnosis.report.figures import draw_pair
     from tombo_diagnosis.report.residual_data import best_pair, by_channel
     from tombo_flight.report.flight_plot import figure_bytes
+    from tombo_logs.readers.log_reader import read_logs
 
     logs = sorted((data / "flights").glob("*.csv.gz"))
-    diagnosis = diagnose_files(logs, nominal_model(), "nanobench")[0]
+    flights = read_logs(logs, mapping="nanobench")
+    diagnosis = diagnose_unchecked(flights, nominal_model())[0]
     pair = best_pair(by_channel(diagnosis.residuals))
     if pair is not None:
         (root / "docs" / "diagnosis.png").write_bytes(figure_bytes(draw_pair(pair)))

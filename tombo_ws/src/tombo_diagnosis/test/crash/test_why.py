@@ -83,6 +83,14 @@ def test_cause_and_time_of_what_goes_wrong(changed, cause):
         assert found.timeline
 
 
+def test_a_log_without_a_sign_may_be_of_a_mishap_that_leaves_none():
+    """By Laplace 5 of 12 mishaps leave none in poses alone, 1 of 11 where more is measured."""
+    log = hover()
+    poses = log.with_series({name: log.series[name] for name in ("position", "attitude")})
+    assert why(poses).confidence == pytest.approx(12.0 / 17.0)
+    assert why(log).confidence == pytest.approx(11.0 / 12.0)
+
+
 def turned_down_at_front_right(within_s, accel):
     """It turns by 3 rad/s, against what its rotors are asked for, which give less thrust."""
     turn = -3.0 * MODES[1:3, 0] / np.linalg.norm(MODES[1:3, 0])
@@ -166,23 +174,6 @@ def test_real_oscillations_are_named(log):
 def test_nothing_is_wrong_with_healthy_flights(log):
     found = real(f"{log}.csv.gz", load_mapping("nanobench"))
     assert found.cause == "none" and found.time_s is None
-
-
-def test_samples_within_a_microsecond_are_no_flight():
-    whole = hover()
-    series = {n: Series(1e-7 * s.t, s.values) for n, s in whole.series.items()}
-    with pytest.raises(InputError, match="its stamps are 1e-09 s apart"):
-        why(Flight.measured("tiny", "", series))
-    gyro = {**whole.series, "gyro": series["gyro"]}
-    assert why(Flight.measured("tiny gyro", "", gyro)).cause == "none"
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("error")
-def test_a_gap_of_hours_is_smoothed_without_a_warning():
-    t = np.where(np.arange(600) < 300, 0.0, 9000.0) + 0.01 * np.arange(600)
-    whole = hover().series["position"]
-    why(Flight.measured("gap", "", {"position": Series(t, whole.values)}))
 
 
 def landed(touch_m):

@@ -29,15 +29,6 @@ def test_a_set_has_the_advice_of_either_member(effects, members, text):
     assert text in experiment.text
 
 
-def test_every_pair_has_its_advice_once():
-    effects = {
-        "a": Effect({"b": "weigh it", "c": "turn it"}), "b": Effect({"a": "weigh it"}),
-        "c": Effect(),
-    }  # fmt: skip
-    text = separating_experiment(("a", "b", "c"), effects).text
-    assert text == "To tell a, b and c apart: weigh it (a and b); turn it (a and c)."
-
-
 @pytest.mark.parametrize("members", [(), ("steady_wind",)])
 def test_without_a_set_nothing_is_proposed(members):
     assert separating_experiment(members, REGISTRY) is None

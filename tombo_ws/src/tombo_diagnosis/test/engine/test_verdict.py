@@ -166,11 +166,6 @@ def test_confidence_of_the_set_and_its_members_are_probabilities():
         assert all(0.0 <= v < 1.0 for v in (each.confidence, *each.each.values()))
 
 
-def test_a_cause_that_was_just_accepted_has_less_confidence():
-    faint = judgement_of(searched(explanation("wind", evidence=LOG_BF_FIRST + 0.1)))
-    assert faint.confidence < judgement_of(searched(explanation("wind"))).confidence
-
-
 def test_noise_is_a_cause_beside_others():
     judgement = judgement_of(searched(explanation("wind")), noisy=[noise(evidence=STRONG / 2)])
     assert (judgement.verdict, judgement.effects) == ("named", ("wind", "imu_noise"))
@@ -188,33 +183,6 @@ def test_at_most_three_causes_are_named():
     many = [noise(f"noise_{k}", STRONG - k) for k in range(5)]
     named = judgement_of(searched(explanation("wind")), noisy=many).effects
     assert len(named) == 3 and named[0] == "wind"
-
-
-@pytest.mark.parametrize("excess", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("found", [searched(), searched(explanation("wind"))])
-def test_figures_that_are_not_finite_give_a_verdict_and_probabilities(excess, found):
-    judgement = judgement_of(found, excess)
-    assert judgement.verdict in ("none", "named", "unknown", "partly_explained")
-    assert all(0.0 <= v <= 1.0 for v in (judgement.confidence, *judgement.each.values()))
-    assert excess == -math.inf or not judgement.effects or judgement.verdict == "partly_explained"
-
-
-@pytest.mark.parametrize("evidence", [math.inf, 1e300, 1e5])
-def test_evidence_without_bounds_gives_probabilities(evidence):
-    rival = explanation("tilt", evidence=-math.inf)
-    judgement = judgement_of(searched(explanation("wind", evidence=evidence), rival))
-    assert judgement.effects == ("wind",)
-    assert all(0.0 <= v < 1.0 for v in (judgement.confidence, *judgement.each.values()))
-
-
-@pytest.mark.parametrize("tangent", [5e4, math.inf])
-def test_a_gain_of_the_tangent_without_one_of_the_model_is_no_cause(tangent):
-    judgement = judgement_of(SearchResult(NOTHING, {"wind": tangent}, ()), explained=0.0)
-    assert judgement.verdict == "none" and 0.0 <= judgement.confidence <= 1.0
-
-
-def test_an_empty_remainder_is_no_excess():
-    assert judge(SETTING, searched(), remainder(())).verdict == "none"
 
 
 def test_of_a_stochastic_effect_the_best_fit_counts():

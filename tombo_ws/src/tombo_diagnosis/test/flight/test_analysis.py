@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_flights import SLOW, nominal, tracks, with_hidden
+from measured_flights import nominal, tracks, with_hidden
 
 from tombo_diagnosis.flight.analyse import analyse
 
 pytestmark = pytest.mark.slow
 
-EQUIVALENT_EFFECTS = {"steady_wind": {"east": 1.0}, "mocap_misalignment": {"pitch": 0.02}}
 """What flights at one heading without an IMU can't tell apart."""
 
 
@@ -43,25 +42,6 @@ def test_healthy_vehicles_with_scattered_propellers_give_no_cause(sensors):
 def test_forces_of_no_effect_get_no_name(unknown, sensors):
     words = judgement_of(disturbance=(unknown,), sensors=sensors, seed=2)
     assert words.verdict == "unknown" and not words.effects and not words.members
-
-
-def test_what_can_not_be_distinguished_is_a_set():
-    """Wind as a set: test_separation.py."""
-    words = judgement_of(
-        {"mocap_misalignment": EQUIVALENT_EFFECTS["mocap_misalignment"]},
-        courses=SLOW,
-        sensors="mocap",
-    )
-    assert words.verdict == "set"
-    assert set(words.members) == set(EQUIVALENT_EFFECTS) == set(words.effects)
-    assert words.each["mocap_misalignment"] > 0.1
-
-
-def test_an_accelerometer_tells_them_apart():
-    words = judgement_of(
-        {"steady_wind": EQUIVALENT_EFFECTS["steady_wind"]}, courses=SLOW, sensors="imu"
-    )
-    assert words.verdict == "named" and words.effects == ("steady_wind",)
 
 
 def test_a_cause_beside_an_unknown_force_is_not_all_of_it():

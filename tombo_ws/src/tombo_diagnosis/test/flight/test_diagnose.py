@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +10,8 @@ from measured_flights import SLOW, logs, nominal
 
 from tombo_bag.flight import Airframe, Finding, Series
 from tombo_diagnosis.diagnosis import VERDICTS
-from tombo_diagnosis.flight import diagnose as diagnose_module
 from tombo_diagnosis.flight.causes import shown_by_scale
-from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.diagnose import check_flights, diagnose
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
@@ -52,29 +50,20 @@ def test_what_was_hidden_is_named_with_its_size(named):
 
 def test_every_field_is_filled_in(named):
     assert named.verdict in VERDICTS and 0.5 < named.confidence < 1.0
-    assert [c.effect for c in named.candidates][:2] and len(named.candidates) == len(REGISTRY)
     assert {c.effect for c in named.candidates} == set(REGISTRY)
     assert sum(c.probability for c in named.candidates) <= 1.0 + 1e-9
     assert all(c.excited or c.remark for c in named.candidates)
-    assert not next(c for c in named.candidates if c.effect == "blade_strike").excited
-    assert [f.name for f in named.flights] == ["flight 1", "flight 2", "flight 3"]
     assert all(f.formulation == "imu" and 5.0 < f.used_s < f.duration_s for f in named.flights)
-    assert named.gain and any(g.reduction > 0.3 for g in named.gain)
+    assert any(g.reduction > 0.3 for g in named.gain)
     assert {g.horizon for g in named.gain} == {"one step", "0.5 s", "1 s"}
-    assert named.set == () and named.separating_experiment is None
     assert named.model == nominal().label and named.seconds == 2.5
-    assert {"wind", "mass"} <= set(named.summary.lower().replace(":", " ").split())
 
 
 def test_residuals_are_there_before_and_after(named):
-    channels = {r.channel for r in named.residuals}
-    assert {"force x", "turning z", "voltage", "latency"} <= channels
     for r in named.residuals:
         assert r.t.shape == r.before.shape == r.after.shape
-        assert (np.diff(r.t) > 0).all() and r.unit
         # no noise of the supply and of measured speeds is known
         assert r.sigma >= 0.0 or r.channel.startswith(("voltage", "rotor speed"))
-        assert all(d.shape == r.t.shape for d in r.drivers.values()) and len(r.drivers) > 5
     force = [r for r in named.residuals if r.channel == "force z"]
     before, after = (np.mean([np.abs(getattr(r, k).mean()) for r in force]) for k in (
         "before", "after"))  # fmt: skip
@@ -161,21 +150,14 @@ def in_mm(log):
     )
 
 
-def test_a_flight_that_contradicts_itself_costs_only_itself(monkeypatch):
+def test_a_flight_that_contradicts_itself_costs_only_itself():
     one, two = logs(WIND, count=2)
-    monkeypatch.setattr(diagnose_module, "read_logs", lambda paths, **more: [one, in_mm(two)])
-    diagnosis, _ = diagnose_module.diagnose_files([Path("flights")], nominal())
-    assert all(f.name.startswith(one.name) for f in diagnosis.flights)
-    assert diagnosis.verdict == "named" and {c.effect for c in diagnosis.causes} == set(WIND)
-    (why,) = [f for f in diagnosis.prechecks if f.flight == two.name]
-    assert (why.check, why.severity) == ("refused", "fault") and "mm declared as m" in why.message
-
-
-def test_what_all_flights_have_is_an_error(monkeypatch):
-    off = [in_mm(log) for log in logs(WIND, count=2)]
-    monkeypatch.setattr(diagnose_module, "read_logs", lambda paths, **more: off)
+    checked, (why,) = check_flights([one, in_mm(two)])
+    assert [flight.name for flight in checked] == [one.name]
+    assert (why.check, why.severity, why.flight) == ("refused", "fault", two.name)
+    assert "mm declared as m" in why.message
     with pytest.raises(InputError, match=r"flight 1.*mm declared as m"):
-        diagnose_module.diagnose_files([Path("flights")], nominal())
+        check_flights([in_mm(one), in_mm(two)])
 
 
 def test_a_flight_without_an_imu_among_others_is_left_out_and_reported():

@@ -39,13 +39,6 @@ def test_curvature_of_the_position_is_the_filtered_acceleration(width, frequency
     assert kernel.slope @ x == pytest.approx(kernel.smooth @ speed, abs=5e-3 * w)
 
 
-def test_no_phase_is_lost():
-    kernel = gaussian(T, 0.05, 0.02)
-    x = np.sin(2.0 * T)
-    smooth = kernel.smooth @ x
-    assert np.corrcoef(smooth, np.sin(2.0 * kernel.t))[0, 1] > 1.0 - 1e-9
-
-
 def test_rows_lie_as_far_apart_as_asked_and_inside():
     kernel = gaussian(T, 0.05, 0.06)
     assert np.diff(kernel.t) == pytest.approx(np.full(kernel.t.size - 1, 0.06))
@@ -103,25 +96,9 @@ def test_means_of_what_is_held_keep_the_integral(steps, seed):
     assert means.min() >= values.min() - 1e-9 and means.max() <= values.max() + 1e-9
 
 
-def test_a_command_acts_from_its_stamp_on_and_holds():
-    t = np.array([0.0, 0.1, 0.2])
-    values = np.array([[1.0], [5.0], [2.0]])
-    ticks = np.arange(0.0, 0.3, 0.004)
-    means = held_means(ticks, t, values)[:, 0]
-    assert means[10] == pytest.approx(1.0) and means[30] == pytest.approx(5.0)
-    assert means[-1] == pytest.approx(2.0)
-
-
 def test_a_slow_series_is_interpolated():
     slow = np.arange(0.0, 2.0, 0.1)
     ticks = np.arange(0.2, 1.5, TICK)
     values = np.column_stack([slow, 3.0 - slow])
     lines = np.column_stack([ticks, 3.0 - ticks])
     assert resample(Series(slow, values), ticks) == pytest.approx(lines)
-
-
-def test_white_noise_is_averaged_as_many_samples_go_into_a_tick():
-    t = np.arange(0.0, 20.0, 0.001)
-    noise = np.random.default_rng(3).standard_normal((t.size, 1))
-    means = resample(Series(t, noise), np.arange(1.0, 19.0, TICK))
-    assert means.std() == pytest.approx(0.5, rel=0.1)

@@ -77,6 +77,6 @@ def test_what_a_lost_load_does_is_set_apart():
     flights = [track_of(loaded(SHUTTLES, 30.0, seed)[1]) for seed in (7, 8, 9)]
     findings = analyse(flights, nominal())
     assert findings.judgement.effects[:1] == ("hanging_load",)
-    assert {each.effect for each in findings.remainder.excluded} == {"hanging_load"}
+    assert {each.check for each in findings.remainder.excluded} == {"memory"}
     mass = estimate_cause("hanging_load", findings, findings.search.best).theta[0]
     assert mass.low < MASS < mass.high

@@ -187,12 +187,6 @@ def test_without_motor_commands_there_is_no_model():
         calibrated([replace(log.with_series(bare), airframe=FRAME)])
 
 
-def test_flights_of_two_vehicles_are_refused():
-    one, two = (as_other(log) for log in logs())
-    with pytest.raises(InputError, match=r"flight 2.*accepted: flights of one vehicle"):
-        calibrated([one, replace(two, airframe=replace(FRAME, mass=2.0))])
-
-
 def test_a_flight_without_commands_is_left_out_and_the_others_are_diagnosed():
     flights = [replace(log, airframe=FRAME) for log in logs(courses=SLOW, count=2, length=12.0)]
     series = {k: v for k, v in flights[0].series.items() if not k.startswith("rotor")}
@@ -200,16 +194,3 @@ def test_a_flight_without_commands_is_left_out_and_the_others_are_diagnosed():
     assert [f.name for f in diagnosis.flights] == [flights[1].name]
     left_out = next(f for f in diagnosis.prechecks if "no motor commands" in f.message)
     assert left_out.flight == flights[0].name
-
-
-def test_a_supply_that_an_airframe_does_not_tell_is_no_cause():
-    model, _ = calibrated([replace(log, airframe=FRAME) for log in logs(courses=SLOW, count=1)])
-    assert {"battery_sag.resistance", "battery_sag.discharge"} <= model.fitted
-
-
-@pytest.mark.parametrize("sensors", ["imu_rpm", "mocap_rpm"])
-def test_without_a_gyro_thrust_that_comes_late_is_no_cause(sensors):
-    flights = logs(courses=SLOW, count=1, sensors=sensors)
-    model, _ = calibrated([replace(log, airframe=FRAME) for log in flights])
-    late = {"motor_lag.extra_tau", "command_delay.delay"} & model.fitted
-    assert bool(late) == (sensors == "mocap_rpm")

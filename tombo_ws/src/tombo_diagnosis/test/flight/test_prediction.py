@@ -9,7 +9,6 @@ from measured_flights import LIVELY, ROTOR_DRAWS, SILENT, as_log, fly, nominal, 
 
 from tombo_diagnosis.flight.fit.prediction import channels_of, motion_of, residuals
 from tombo_diagnosis.flight.fit.track import track_of
-from tombo_dynamics.effects import REGISTRY, Stage
 from tombo_dynamics.effects.compose import layout
 
 SENSORS = ("imu_rpm", "imu", "mocap_rpm", "mocap")
@@ -47,11 +46,6 @@ def rows_of(track, theta):
     return result
 
 
-def names_of(log, **changes):
-    channels = channels_of(track_of(log), replace(nominal(silent=True), **changes))
-    return [c.name for own in channels.values() for c in own]
-
-
 LEFT = {
     "force": 0.05, "turning": 0.3, "rotor speed": 1.0, "mocap against accel": 0.05,
     "gyro against mocap": 0.02, "acceleration": 0.05, "voltage": 0.02, "latency": 0.6e-3,
@@ -76,20 +70,6 @@ def test_the_true_model_leaves_nearly_nothing(sensors):
     assert np.std(without[f"{force} x"]) + abs(np.mean(without[f"{force} x"])) > 0.1
 
 
-@pytest.mark.parametrize("sensors", SENSORS)
-def test_sensors_say_which_channels_there_are(sensors):
-    log = as_log(fly_course(*frozen(HIDDEN)), sensors=sensors)
-    names = names_of(log)
-    assert len(set(names)) == len(names)
-    assert ("rotor speed 1" in names) == sensors.endswith("rpm")
-    assert ("force x" in names) == ("gyro against mocap x" in names) == sensors.startswith("imu")
-    assert ("acceleration x" in names) == sensors.startswith("mocap")
-    assert {"turning z", "voltage", "latency"} <= set(names)
-    blind = log.with_series({k: v for k, v in log.series.items() if k != "voltage"})
-    assert "voltage" not in names_of(blind)
-    assert not [n for n in names_of(log, moments=False) if n.startswith("turning")]
-
-
 FAULTS = {
     "tilted world": {"mocap_misalignment": {"yaw": 0.3, "roll": 0.02, "pitch": -0.03}},
     "turned body": {"mocap_body_misalignment": {"yaw": 0.2, "roll": 0.03, "pitch": 0.02}},
@@ -102,13 +82,6 @@ FAULTS = {
         "mocap_stamp_error": {"offset": -0.015},
     },
 }
-
-
-def test_every_fault_of_the_frame_or_the_stamps_is_here():
-    """Noise, gaps and latency leave the pose as it is, or have no mean."""
-    moving = {n for n, e in REGISTRY.items() if e.stage is Stage.MOCAP}
-    covered = {name for fault in FAULTS.values() for name in fault}
-    assert moving - covered == {"mocap_noise", "mocap_dropouts", "mocap_latency"}
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -132,14 +105,6 @@ def test_a_fault_of_the_motion_capture_is_undone_by_its_parameters(fault):
     assert place < 2e-3 and turn < 0.02
     raw_place, raw_turn = off(theta_of({}))
     assert raw_place > 5.0 * place or raw_turn > 5.0 * turn
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_what_is_undone_leaves_nothing_in_any_channel(fault):
-    hidden = FAULTS[fault]
-    track = track_of(as_log(fly_course(*frozen(hidden))))
-    for name, rows in rows_of(track, theta_of(hidden)).items():
-        assert np.sqrt(np.mean(rows**2)) < allowed(name), name
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_flights import HEALTHY, logs, nominal, tracks
+from measured_flights import logs, nominal, tracks
 
 from tombo_diagnosis.flight.analyse import analyse, select_noise_fits
 from tombo_diagnosis.flight.fit.problem import FlightProblem
@@ -14,9 +14,7 @@ from tombo_diagnosis.flight.noise import (
     SCALES_S,
     block_variances,
     fit_noise_effects,
-    imu_noise_statistics,
     lost_samples,
-    pooled,
     pose_noise_statistics,
 )
 from tombo_diagnosis.flight.nominal import PARAMETERS
@@ -81,19 +79,6 @@ def test_gaps_are_found_and_their_length():
     assert fitted["mocap_dropouts.duration"] == pytest.approx(0.1, rel=0.4)
 
 
-def test_figures_of_noise_are_its_deviations_whatever_the_flight(healthy):
-    imu, pose = imu_noise_statistics(healthy), pose_noise_statistics(healthy)
-    expected = HEALTHY["imu_noise"] | HEALTHY["mocap_noise"]
-    for figures, name in ((imu, "gyro"), (imu, "accel"), (pose, "position"), (pose, "attitude")):
-        assert math.exp(figures[name][0]) == pytest.approx(expected[name], rel=0.1), name
-    assert math.exp(pose["jitter"][0]) == pytest.approx(0.001, rel=0.1)
-    assert pose["gaps"][0] == 0.0
-
-
-def test_without_an_imu_its_noise_is_not_looked_for():
-    assert imu_noise_statistics(tracks(sensors="mocap", count=1)) == {}
-
-
 def test_white_noise_variance_falls_with_block_length_without_drift():
     rng = np.random.default_rng(1)
     noise = rng.standard_normal((40_000, 1))
@@ -103,16 +88,6 @@ def test_white_noise_variance_falls_with_block_length_without_drift():
     assert (np.diff(counts) < 0).all()
     still, _ = block_variances(noise + 100.0, 0.02)
     assert still == pytest.approx(variances)
-
-
-def test_flights_are_pooled_by_length_so_that_short_ones_weigh_little():
-    rng = np.random.default_rng(2)
-    long, short = rng.standard_normal((5000, 2)), 9.0 * rng.standard_normal((40, 2))
-    both, counts = pooled([block_variances(long, 0.02), block_variances(short, 0.02)])
-    alone, own = block_variances(long, 0.02)
-    assert np.isfinite(both).all() and (counts >= own).all()
-    assert both[-1] == pytest.approx(alone[-1])
-    assert (both[0] > alone[0]).all()
 
 
 def test_what_chance_leaves_is_what_healthy_flights_leave(healthy):
@@ -154,7 +129,7 @@ def test_gusts_are_named_by_the_whole_analysis(gusty):
     assert words.remainder.residual_r2 < 0.1
 
 
-@pytest.mark.parametrize("unknown", ["thrust_hysteresis", "yaw_spring"])
+@pytest.mark.parametrize("unknown", ["thrust_hysteresis", "yaw_spring", "periodic_push"])
 def test_a_force_that_no_effect_describes_is_not_called_gusts(unknown):
     flights = logs(disturbance=(unknown,), seed=1)
     words = analyse([track_of(log) for log in flights], nominal()).judgement

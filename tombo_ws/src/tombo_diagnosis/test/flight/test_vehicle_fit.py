@@ -16,7 +16,6 @@ from tombo_diagnosis.flight.vehicle_fit import fit_drive, fit_vehicle
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import speed_for_thrust
 from tombo_flight.vehicle_file import read_vehicle, vehicle_from_text, vehicle_text
-from tombo_logs.readers.vehicle_airframe import airframe_of, vehicle_of
 
 pytestmark = pytest.mark.slow
 
@@ -106,18 +105,10 @@ def test_a_change_of_a_fitted_vehicle_is_still_found(fitted):
     assert diagnosis.verdict != "none"
 
 
-def test_a_propeller_of_a_radius_gets_the_thrust_that_carries_the_airframe():
-    """Usual propellers within a factor of two; with rotor speeds, the values of the flights."""
-    for name in ("crazyflie_2_1", "px4_x500"):
-        file = read_vehicle(name)
-        usual = vehicle_of(airframe_of(file)).propeller.k_thrust / file.propeller.k_thrust
-        assert 0.5 < usual < 2.0, name
-    flights = logs(count=2)
+def test_measured_speeds_show_the_speed_in_hover():
     known = read_vehicle("tombo_s500")
     hover = speed_for_thrust(known.maps, known.vehicle.hover_thrust())
-    shown = vehicle_of(airframe_of(known), speed_in_hover(flights))
-    mine = speed_for_thrust(shown.maps, shown.vehicle.hover_thrust())
-    assert mine == pytest.approx(hover, rel=0.05)
+    assert speed_in_hover(logs(count=2)) == pytest.approx(hover, rel=0.05)
 
 
 def test_a_small_vehicle_gets_small_tolerances():
@@ -128,15 +119,12 @@ def test_a_small_vehicle_gets_small_tolerances():
     assert load.tolerance < 0.02 * small.vehicle.mass
 
 
-@pytest.mark.parametrize("airframe", [False, True])
-def test_poses_alone_are_accepted_with_an_own_vehicle(airframe):
+def test_poses_alone_are_accepted_with_an_own_vehicle():
     """As with the suite's own: thrust from the track."""
     (log,) = logs(count=1, sensors="poses")
     bare = log.with_series({k: log.series[k] for k in ("position", "attitude")})
     vehicle = read_vehicle("px4_x500")
-    own = replace(bare, airframe=airframe_of(vehicle))
-    each = own if airframe else held_against([bare], vehicle)[0]
-    diagnosis = diagnose([each], nominal_model(vehicle=vehicle))
+    diagnosis = diagnose(held_against([bare], vehicle), nominal_model(vehicle=vehicle))
     assert diagnosis.vehicle == vehicle.name and "thrust from the track" in diagnosis.model
 
 

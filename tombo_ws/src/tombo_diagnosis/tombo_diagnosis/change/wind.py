@@ -16,7 +16,6 @@ from tombo_bag.flight import Flight
 from tombo_diagnosis.diagnosis import Change
 from tombo_diagnosis.engine.cause_estimates import TWO_SIDED
 from tombo_diagnosis.flight.calibrate import drag_shown, push_in, windy_flights
-from tombo_diagnosis.flight.fit.track import WIND
 from tombo_dynamics.arrays import Array
 from tombo_flight.extended_model import FittedParameter
 from tombo_logs.checks.wind import DRAG_KNOWN, LEAST
@@ -36,7 +35,7 @@ class NewWind:
 
     speed: Array | None
     """(2,) along map x, y [m/s], by a drag in proportion to the speed; None: not known, without
-    the drag, or as it swings, or as the level may be another."""
+    the drag, or as the level may be another."""
     deviation: float
     """Of each [m/s]."""
     own_speed: float = 0.0
@@ -63,7 +62,7 @@ class NewWind:
             )
             for name, v in zip(("east", "north"), self.speed.tolist(), strict=True)
         )  # fmt: skip
-        return (Change(WIND, "", theta, confidence),)
+        return (Change("steady_wind", "", theta, confidence),)
 
     @property
     def summary(self) -> str:
@@ -99,10 +98,8 @@ def new_wind(new: Sequence[Flight], healthy: Sequence[Flight]) -> NewWind | None
     now, old = (each.mean(axis=0) for each in steady)
     size = float(np.linalg.norm(now - old))
     doubt = math.hypot(_between_flights(*steady), _RELEVELLED)
-    swings = 2 * sum(p.swing > 0.0 for p in after) > len(after)
-    swings = swings and not any(p.swing > 0.0 for p in before)
     if size < max(LEAST, _SUSPECTED_SIGMAS * doubt, _SAME * float(np.linalg.norm(old))):
-        return NewWind(None, math.inf) if swings else None
+        return None
     drag, deviation = drag_shown([*after, *before])
     if size < _CERTAIN_SIGMAS * doubt or not deviation < DRAG_KNOWN * drag:
         return NewWind(None, math.inf)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -189,59 +189,18 @@ def _is_large(change: GainChange) -> bool:
     return abs(change.gain.value - expected.value) > least * abs(expected.value)
 
 
-def cascade_gains(control: Any) -> list[LoopGain]:
-    """Return the suite's own gains, as a flight would show them.
-
-    Position P on velocity PID is one PID on position, as long as nothing is at a limit.
-
-    Args:
-        control: parameters of the cascade, `Scenario.control`.
-    """
-    rows: list[tuple[str, str, str, str, float]] = [
-        ("attitude", "yaw", "P", "1/s", control.yaw_p),
-        ("rate", "yaw", "P", "rad/s^2 s/rad", control.yaw_rate_p),
-        ("rate", "yaw", "I", "rad/s^2/rad", control.yaw_rate_i),
-    ]
-    for axis in ("roll", "pitch"):
-        rows += [
-            ("attitude", axis, "P", "1/s", control.attitude_p),
-            ("rate", axis, "P", "rad/s^2 s/rad", control.rate_p),
-            ("rate", axis, "I", "rad/s^2/rad", control.rate_i),
-            ("rate", axis, "D", "rad/s^2 s^2/rad", control.rate_d),
-        ]
-    p = control.velocity_p * control.position_p + control.velocity_i
-    for axis in ("x", "y"):
-        rows += [
-            ("position", axis, "P", "1/s^2", p),
-            ("position", axis, "I", "1/s^3", control.velocity_i * control.position_p),
-            ("position", axis, "D", "1/s", control.velocity_p),
-        ]
-    return [LoopGain(*row, row[-1], row[-1]) for row in rows]
-
-
 def controller_mapping(report: ControllerReport | None) -> Mapping[str, Any] | None:
     """Return the report as plain values."""
     if report is None:
         return None
-
-    def plain_gain(gain: LoopGain) -> dict[str, Any]:
-        return {
-            "loop": gain.loop, "axis": gain.axis, "term": gain.term, "unit": gain.unit,
-            "value": gain.value, "low": gain.low, "high": gain.high,
-        }  # fmt: skip
-
     return {
-        "gains": [plain_gain(g) for g in report.gains],
+        "gains": [_plain(gain) for gain in report.gains],
         "unknown": list(report.unknown),
-        "oscillations": [
-            {
-                "flight": flight, "loop": o.loop, "axis": o.axis, "hertz": o.hertz,
-                "size": o.size, "begin_s": o.begin_s,
-            }
-            for flight, o in report.oscillations
-        ],
-        "changed": [
-            {**plain_gain(c.gain), "expected": c.expected.value} for c in report.changed
-        ],
+        "oscillations": [{"flight": flight, **asdict(o)} for flight, o in report.oscillations],
+        "changed": [{**_plain(c.gain), "expected": c.expected.value} for c in report.changed],
         "compared_with": report.compared_with,
-    }  # fmt: skip
+    }
+
+
+def _plain(gain: LoopGain) -> dict[str, Any]:
+    return {k: v for k, v in asdict(gain).items() if k not in ("spread", "flights")}

@@ -22,8 +22,8 @@ _SHORTEST_S: Final = 1.0
 _LIMIT: Final = (0.003, 0.005, 0.02)
 """A value is a limit if the signal is near its largest value for the first share of the time;
 `near` is the second share."""
-_LEAST_ROWS, _ROWS = 100, 6000
-"""Samples that are used, at least and about at most."""
+_LEAST_S, _LEAST_STRETCH, _LEAST_ROWS, _ROWS = 3.0, 5, 100, 6000
+"""Time in the air, and samples of a stretch and in all, at least; samples about at most."""
 _REPEATED_SHARE: Final = 0.6
 """Share of samples that are new below which what is asked for is held between them."""
 _COURSE_S: Final = 0.03
@@ -49,11 +49,7 @@ T975: Final = 2.2
 _CASCADE: Final = 0.8
 """Correlation of the asked rate with the error of attitude from which on the one follows from
 the other."""
-AXES: Final = {
-    "rate": ("roll", "pitch", "yaw"),
-    "attitude": ("roll", "pitch", "yaw"),
-    "position": ("x", "y"),
-}
+_TURNS: Final = ("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True)
@@ -108,54 +104,58 @@ def loop_fits(signals: ControlSignals) -> list[LoopFit]:
     return loops or _state_feedback(signals)
 
 
-def _fit(
-    s: ControlSignals,
-    loop: str,
-    axis: str,
-    asked: Array,
-    named: Mapping[str, Array],
-    units: Mapping[str, str],
-    nuisance: Sequence[Array],
-    free: Mask,
-    fresh: Mask,
-) -> LoopFit:
-    """Regress what is asked for on errors; intervals leave parts of the flight out in turn.
+@dataclass(frozen=True)
+class _Loop:
+    """What a loop asks for, and what that may follow from."""
 
-    `fresh`: where it is computed anew.
-    """
-    rows = free & np.isfinite(asked)
-    for column in (*named.values(), *nuisance):
-        rows &= np.isfinite(column)
+    name: str
+    axis: str
+    asked: Array
+    """(N,)"""
+    errors: Mapping[str, tuple[Array, str]]
+    """Term → (N,) error, and the unit of its gain."""
+    besides: Sequence[Array]
+    """(N,) each: what is no error of the loop."""
+    free: Mask
+    """(N,) where nothing limits it."""
+    fresh: Mask
+    """(N,) where it is computed anew."""
+
+
+def _best_fit(s: ControlSignals, loops: Sequence[_Loop], delays: Sequence[int] = (0,)) -> LoopFit:
+    """Return the fit that explains most, of several forms of a loop with their errors delayed."""
+    fits = [_fit(s, loop, delay) for delay in delays for loop in loops]
+    return max(fits, key=lambda fit: fit.explained)
+
+
+def _fit(s: ControlSignals, loop: _Loop, delay: int) -> LoopFit:
+    """Regress what is asked for on delayed errors, with intervals from parts of the flight."""
+    errors = [error for error, _ in loop.errors.values()]
+    columns = [loop.asked, *(_shifted(c, delay) for c in (*errors, *loop.besides))]
+    table = np.column_stack(columns)
+    rows = loop.free & np.isfinite(table).all(axis=1)
     spans = [(b, e) for b, e in runs(rows) if (e - b) * s.step > _SHORTEST_S]
-    if sum(e - b for b, e in spans) * s.step < 3.0:
-        return LoopFit(loop, axis, (), 0.0, "less than 3 s in the air")
-    columns = [*named.values(), *nuisance]
-    x, y = [], []
-    for b, e in spans:
-        part = np.column_stack([asked[b:e], *(c[b:e] for c in columns)])
-        part = part[fresh[b:e]]
-        if len(part) < 5:
-            continue
-        part = part - part.mean(axis=0)  # an integral at its limit begins anew with each stretch
-        y.append(part[:, 0])
-        x.append(part[:, 1:])
-    if sum(map(len, x)) < _LEAST_ROWS:
-        return LoopFit(loop, axis, (), 0.0, "less than 3 s in the air")
-    every = max(sum(map(len, x)) // _ROWS, 1)
-    xs, ys = np.vstack(x)[::every], np.concatenate(y)[::every]
-    whole, error, explained = _trimmed(xs, ys)
+    parts = [table[b:e][loop.fresh[b:e]] for b, e in spans]
+    # an integral at its limit begins anew with each stretch
+    parts = [part - part.mean(axis=0) for part in parts if len(part) >= _LEAST_STRETCH]
+    used = sum(map(len, parts))
+    if sum(e - b for b, e in spans) * s.step < _LEAST_S or used < _LEAST_ROWS:
+        return LoopFit(loop.name, loop.axis, (), 0.0, f"less than {_LEAST_S:g} s in the air")
+    chosen = np.vstack(parts)[:: max(used // _ROWS, 1)]
+    values, deviations, explained = _trimmed(chosen[:, 1:], chosen[:, 0])
     gains = tuple(
-        _gain(loop, axis, term, units[term], v, float(np.hypot(e, _STRUCTURE[term[-1]] * v)))
-        for term, v, e in zip(named, whole.tolist(), error.tolist(), strict=False)
+        _gain(loop, term, v, float(np.hypot(e, _STRUCTURE[term[-1]] * v)))
+        for term, v, e in zip(loop.errors, values.tolist(), deviations.tolist(), strict=False)
     )
     remark = ""
     if not explained > _EXPLAINED:
         remark = f"its errors explain {100.0 * max(explained, 0.0):.0f} % of what it asks for"
-    return LoopFit(loop, axis, gains, explained, remark)
+    return LoopFit(loop.name, loop.axis, gains, explained, remark)
 
 
-def _gain(loop: str, axis: str, term: str, unit: str, value: float, error: float) -> LoopGain:
-    return LoopGain(loop, axis, term, unit, value, value - T975 * error, value + T975 * error)
+def _gain(loop: _Loop, term: str, value: float, error: float) -> LoopGain:
+    low, high = value - T975 * error, value + T975 * error
+    return LoopGain(loop.name, loop.axis, term, loop.errors[term][1], value, low, high)
 
 
 def _trimmed(xs: Array, ys: Array) -> tuple[Array, Array, float]:
@@ -197,10 +197,6 @@ def _fresh(asked: Array) -> Mask:
     return (
         new if np.count_nonzero(new) < _REPEATED_SHARE * len(new) else np.ones(len(new), np.bool_)
     )
-
-
-def _best(fits: Sequence[LoopFit]) -> LoopFit:
-    return max(fits, key=lambda f: f.explained)
 
 
 def _integral(values: Array, rows: Mask, step: float) -> Array:
@@ -257,30 +253,31 @@ def _below_limit(values: Array, rows: Mask) -> Mask:
 def _rate_loops(s: ControlSignals, error: Array | None, cascade: bool) -> list[LoopFit]:
     if s.moment is None or not s.gyro.size or (not cascade and error is None):
         return []
-    asked, loop = s.rates_asked, "rate" if cascade else "attitude"
+    asked = np.zeros_like(s.gyro) if s.rates_asked is None else s.rates_asked
     fits = []
     clock, unit, fresh = s.t - s.t[0], s.moment_unit, _fresh(s.moment)
-    for k, axis in enumerate(AXES["rate"]):
-        y = s.moment[:, k]
-        off = (np.zeros(s.t.size) if asked is None else asked[:, k]) - s.gyro[:, k]
-        coupled = s.gyro[:, (k + 1) % 3] * s.gyro[:, (k + 2) % 3]
-        if cascade:
-            units = {"P": f"{unit} s/rad", "I": f"{unit}/rad", "D": f"{unit} s^2/rad"}
-            named = {"P": off, "I": _integral(off, s.valid, s.step)}
+    for k, axis in enumerate(_TURNS):
+        off = asked[:, k] - s.gyro[:, k]
+        if error is None or cascade:
+            of_rate = {
+                "P": (off, f"{unit} s/rad"),
+                "I": (_integral(off, s.valid, s.step), f"{unit}/rad"),
+            }
             slopes = [_slope(s.gyro[:, k], c, s.step) for c in _CUTOFFS] if k < 2 else []
-            sets = [named | {"D": -slope} for slope in slopes] or [named]
+            forms = [of_rate | {"D": (-slope, f"{unit} s^2/rad")} for slope in slopes] or [of_rate]
         else:
-            assert error is not None
-            units = {"P": f"{unit}/rad", "I": f"{unit}/(rad s)", "D": f"{unit} s/rad"}
             e = error[:, k]
-            sets = [{"P": e, "D": off, "I": _integral(e, s.valid, s.step)}]
-        tried = []
-        for d in range(-1, _DELAYS):
-            nuisance = [_shifted(clock, d), _shifted(clock**2, d), _shifted(coupled, d)]
-            for named in sets:
-                late = {term: _shifted(v, d) for term, v in named.items()}
-                tried.append(_fit(s, loop, axis, y, late, units, nuisance, s.valid, fresh))
-        fits.append(_best(tried))
+            forms = [
+                {
+                    "P": (e, f"{unit}/rad"),
+                    "D": (off, f"{unit} s/rad"),
+                    "I": (_integral(e, s.valid, s.step), f"{unit}/(rad s)"),
+                }
+            ]
+        besides = [clock, clock**2, s.gyro[:, (k + 1) % 3] * s.gyro[:, (k + 2) % 3]]
+        name, moment = "rate" if cascade else "attitude", s.moment[:, k]
+        loops = [_Loop(name, axis, moment, form, besides, s.valid, fresh) for form in forms]
+        fits.append(_best_fit(s, loops, range(-1, _DELAYS)))
     return fits
 
 
@@ -301,17 +298,15 @@ def _attitude_loops(s: ControlSignals, error: Array | None, cascade: bool) -> li
     asked = s.rates_asked
     if error is None or asked is None or not cascade:
         return []
-    units, fresh = {"P": "1/s"}, _fresh(asked)
+    fresh = _fresh(asked)
     tilting = _below_limit(np.hypot(asked[:, 0], asked[:, 1]), s.valid)
     turning = _below_limit(np.abs(asked[:, 2]), s.valid)
     fits = []
-    for k, axis in enumerate(AXES["attitude"]):
+    for k, axis in enumerate(_TURNS):
         free = s.valid & (tilting if k < 2 else turning)
-        tried = [
-            _fit(s, "attitude", axis, asked[:, k], {"P": late}, units, [], free, fresh)
-            for late in (_shifted(error[:, k], d) for d in range(-_DELAYS, _DELAYS + 1))
-        ]
-        fits.append(_best(tried))
+        errors = {"P": (error[:, k], "1/s")}
+        loop = _Loop("attitude", axis, asked[:, k], errors, [], free, fresh)
+        fits.append(_best_fit(s, [loop], range(-_DELAYS, _DELAYS + 1)))
     return fits
 
 
@@ -328,7 +323,6 @@ def _position_loops(s: ControlSignals) -> list[LoopFit]:
         if lift > 0.0:
             pushed = GRAVITY * up * (size / lift)[:, None]
     free = s.valid & _below_limit(np.hypot(up[:, 0], up[:, 1]) / up[:, 2], s.valid)
-    units = {"P": "1/s^2", "I": "1/s^3", "D": "1/s"}
     speed = np.zeros_like(s.position) if s.velocity_asked is None else s.velocity_asked
     fresh = _fresh(s.turns_asked.as_quat())
     every = max(round(len(fresh) / max(np.count_nonzero(fresh), 1)), round(_SLOPE_S / s.step), 1)
@@ -337,14 +331,17 @@ def _position_loops(s: ControlSignals) -> list[LoopFit]:
         pushes = np.gradient(speed, s.t, axis=0)
     taken_back = (s.velocity - _shifted(s.velocity, every)) / (every * s.step)
     fits = []
-    for k, axis in enumerate(AXES["position"]):
+    for k, axis in enumerate("xy"):
         e, off = wanted[:, k] - s.position[:, k], speed[:, k] - s.velocity[:, k]
-        named = {"P": e, "D": off, "I": _integral(e, free, s.step)}
+        errors = {
+            "P": (e, "1/s^2"), "D": (off, "1/s"), "I": (_integral(e, free, s.step), "1/s^3"),
+        }  # fmt: skip
         # A loop on velocity integrates what the set point's own velocity leaves: where the set
         # point jumps, that is not the error of position.
         jumped = _integral(off, free, s.step) - e
-        nuisance = [s.t - s.t[0], pushes[:, k], taken_back[:, k], jumped]
-        fits.append(_fit(s, "position", axis, pushed[:, k], named, units, nuisance, free, fresh))
+        besides = [s.t - s.t[0], pushes[:, k], taken_back[:, k], jumped]
+        loop = _Loop("position", axis, pushed[:, k], errors, besides, free, fresh)
+        fits.append(_best_fit(s, [loop]))
     return fits
 
 
@@ -368,23 +365,16 @@ def _state_feedback(s: ControlSignals) -> list[LoopFit]:
     clock, unit, fresh = s.t - s.t[0], s.moment_unit, _fresh(s.moment)
     for k, (axis, other, sign) in enumerate((("roll", 1, -1.0), ("pitch", 0, 1.0))):
         e = sign * error[:, other]
-        named = {
-            "position P": e,
-            "position D": sign * slip[:, other],
-            "position I": _integral(e, s.valid, s.step),
-            "attitude P": -sign * up[:, other],
-            "attitude D": -s.gyro[:, k],
+        errors = {
+            "position P": (e, f"{unit}/m"),
+            "position D": (sign * slip[:, other], f"{unit} s/m"),
+            "position I": (_integral(e, s.valid, s.step), f"{unit}/(m s)"),
+            "attitude P": (-sign * up[:, other], f"{unit}/rad"),
+            "attitude D": (-s.gyro[:, k], f"{unit} s/rad"),
         }
-        units = {
-            "position P": f"{unit}/m", "position D": f"{unit} s/m", "position I": f"{unit}/(m s)",
-            "attitude P": f"{unit}/rad", "attitude D": f"{unit} s/rad",
-        }  # fmt: skip
-        tried = []
-        for d in range(_DELAYS):
-            late = {term: _shifted(v, d) for term, v in named.items()}
-            rest = [_shifted(v, d) for v in (push[:, other], clock)]
-            tried.append(_fit(s, "state", axis, s.moment[:, k], late, units, rest, s.valid, fresh))
-        fits.append(_best(tried))
+        besides = [push[:, other], clock]
+        loop = _Loop("state", axis, s.moment[:, k], errors, besides, s.valid, fresh)
+        fits.append(_best_fit(s, [loop], range(_DELAYS)))
     return fits
 
 

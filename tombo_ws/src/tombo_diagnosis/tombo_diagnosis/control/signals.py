@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -107,30 +107,32 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         return None
     moment, unit = None, ""
     if "torque_setpoint" in control:
-        moment, unit = _sample_and_hold(control["torque_setpoint"], t), "N m"
+        moment, unit = _held(control["torque_setpoint"], t), "N m"
     elif drive is not None:
         usable &= ~_at_limit(measured[drive], t)
         moment, unit = _moment(measured[drive], drive, t, usable, plant, log)
-    turns = control.get("estimated_attitude") or measured.get("attitude")
-    there = _rotations(turns, t)
+    seen = control.get("estimated_attitude") or measured.get("attitude")
+    turns = None if seen is None else turns_at(seen, t)
     position = _linear(place, t)
     gyro = measured.get("gyro")
+    # of a loop that is computed elsewhere a set point holds since it came in
+    asked = {name: _held(series, t, arrived=True) for name, series in control.items()}
+    attitude, thrust = asked.get("attitude_setpoint"), control.get("thrust_setpoint")
+    rates = control.get("rates_setpoint")
     return ControlSignals(
         t,
         {} if gyro is None else {"gyro": _linear(gyro, t)},
         usable,
         log.name,
-        _optional(control.get("rates_setpoint"), t, _sample_and_hold),
-        there,
-        _rotations(control.get("attitude_setpoint"), t, hold=True),
+        None if rates is None else _held(rates, t),
+        turns,
+        None if attitude is None else Rotation.from_quat(unit_rows(attitude)),
         position,
-        _velocity(control, there, position, t),
-        _optional(control.get("position_setpoint"), t, _arrived),
-        _optional(control.get("velocity_setpoint"), t, _arrived),
-        _optional(control.get("acceleration_setpoint"), t, _arrived),
-        None
-        if "thrust_setpoint" not in control
-        else _sample_and_hold(control["thrust_setpoint"], t)[:, 0],
+        _velocity(control, turns, position, t),
+        asked.get("position_setpoint"),
+        asked.get("velocity_setpoint"),
+        asked.get("acceleration_setpoint"),
+        None if thrust is None else _held(thrust, t)[:, 0],
         moment,
         unit,
     )
@@ -161,41 +163,21 @@ def _clean(log: Flight, name: str, raw: Series) -> Series:
     return cleaned
 
 
-def _optional(
-    series: Series | None, t: Array, lay: Callable[[Series, Array], Array]
-) -> Array | None:
-    return None if series is None else lay(series, t)
-
-
 def _linear(series: Series, t: Array) -> Array:
     return interpolated(t, series.t, series.values)
 
 
-def _sample_and_hold(series: Series, t: Array, arrived: bool = False) -> Array:
+def _held(series: Series, t: Array, arrived: bool = False) -> Array:
     """Return what holds at each time; `arrived`: since it came in, where that is known."""
-    known = series.t if series.arrival is None or not arrived else series.arrival
+    known = series.arrival if arrived and series.arrival is not None else series.t
     return held_values(t + 1e-6, known, series.values)
-
-
-def _arrived(series: Series, t: Array) -> Array:
-    return _sample_and_hold(series, t, True)
-
-
-def _rotations(series: Series | None, t: Array, hold: bool = False) -> Rotation | None:
-    if series is None:
-        return None
-    return (
-        Rotation.from_quat(unit_rows(_sample_and_hold(series, t, True)))
-        if hold
-        else turns_at(series, t)
-    )
 
 
 def _at_limit(drive: Series, t: Array) -> Mask:
     top, bottom = drive.values.max(axis=0), drive.values.min(axis=0)
     span = np.maximum(top - bottom, 1e-9)
     out = np.zeros(t.size, np.bool_)
-    values = _sample_and_hold(drive, t)
+    values = _held(drive, t)
     for edge in (top, bottom):
         near = np.abs(values - edge) < 1e-4 * span
         out |= (near & (near.mean(axis=0) > _LIMIT)).any(axis=1)
@@ -205,7 +187,7 @@ def _at_limit(drive: Series, t: Array) -> Mask:
 def _moment(
     drive: Series, name: str, t: Array, usable: Mask, plant: DrivePlant | None, log: Flight
 ) -> tuple[Array | None, str]:
-    values = np.maximum(_sample_and_hold(drive, t), 0.0)
+    values = np.maximum(_held(drive, t), 0.0)
     frame = log.airframe
     if plant is not None and plant.maps is not None and name != "motor_command":
         grid = np.linspace(0.0, float(values.max()), 400)

@@ -94,12 +94,6 @@ class CrashMotion(EvenFlight):
         """Return the row of a time [s]."""
         return int(np.clip(np.searchsorted(self.t, time), 0, self.t.size - 1))
 
-    def level(self, values: Array) -> Array:
-        """Return the standard deviation that `values` (N, ...) usually have, robustly."""
-        part = values[self.learnt]
-        middle = np.nanmedian(part, axis=0)
-        return np.asarray(1.4826 * np.nanmedian(np.abs(part - middle), axis=0))
-
 
 def crash_motion(log: Flight) -> CrashMotion:
     """Lay a flight on one clock.

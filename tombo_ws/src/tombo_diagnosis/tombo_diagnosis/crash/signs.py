@@ -124,40 +124,35 @@ def _drives_off(m: CrashMotion) -> Iterator[Sign]:
     if not np.isfinite(m.demand).any():
         return
     level = np.nan_to_num(m.demand, nan=9.9).max(axis=1)
+    floor = float(np.nanmin(m.height))
     for begin, end in runs(level < OFF):
         before = slice(max(begin - 30, 0), max(begin - 5, 1))
-        if end - begin < _OFF_S * RATE or not np.nanmean(level[before]) > 0.5:
-            continue
-        if np.nanmax(level[end:], initial=0.0) > 2.0 * OFF:
-            continue  # a controller at its limit comes back
-        floor = float(np.nanmin(m.height))
-        if m.height[begin] < floor + _LANDING_CUT_M:
-            continue  # as one lands
-        told = {n for n in ("rotor_command", "motor_command") if n in m.series}
-        asked = next((m.series[n] for n in told), None)
-        start = _onset(level, begin, 0.6)
-        if asked is not None:
-            # commands may go on while the rotors stop
-            late = (asked.t > m.t[begin] + 0.02) & (asked.t < m.t[begin] + 0.2)
-            usual = float(np.median(asked.values[asked.t <= m.t[begin] - 0.1]))
-            on = late.any() and float(np.median(asked.values[late])) > 0.3 * usual
-            if on:
-                text = "all rotors stop while they are asked to turn: no power"
-                yield Sign(float(m.t[start]), "battery", text)
-            else:
-                text = "all motors are commanded off in the air, at once"
-                yield Sign(float(m.t[start]), "kill", text)
-        else:
-            yield Sign(float(m.t[start]), "off", "all rotors stop in the air, at once")
-        return
+        stops = end - begin >= _OFF_S * RATE and np.nanmean(level[before]) > 0.5
+        returns = np.nanmax(level[end:], initial=0.0) > 2.0 * OFF  # as of a controller at a limit
+        lands = m.height[begin] < floor + _LANDING_CUT_M
+        if stops and not returns and not lands:
+            kind, text = _why_off(m, float(m.t[begin]))
+            yield Sign(float(m.t[_since(level < 0.6, begin, 15)]), kind, text)
+            return
 
 
-def _onset(values: Array, row: int, level: float) -> int:
-    """Return the row, up to 0.15 s before, at which `values` went below a level."""
-    start = row
-    while start > 0 and row - start < 15 and values[start - 1] < level:
-        start -= 1
-    return start
+def _why_off(m: CrashMotion, begin: float) -> tuple[str, str]:
+    """Return kind and text of rotors that stop at a time [s]: commands may go on."""
+    asked = next((m.series[n] for n in ("rotor_command", "motor_command") if n in m.series), None)
+    if asked is None:
+        return "off", "all rotors stop in the air, at once"
+    late = (asked.t > begin + 0.02) & (asked.t < begin + 0.2)
+    usual = float(np.median(asked.values[asked.t <= begin - 0.1]))
+    if late.any() and float(np.median(asked.values[late])) > 0.3 * usual:
+        return "battery", "all rotors stop while they are asked to turn: no power"
+    return "kill", "all motors are commanded off in the air, at once"
+
+
+def _since(mask: Mask, row: int, most: int) -> int:
+    """Return from which row on a mask has held until a row, at most so many rows before it."""
+    first = max(row - most, 0)
+    off = np.flatnonzero(~mask[first:row])
+    return first + (int(off[-1]) + 1 if off.size else 0)
 
 
 def _rotor_behind(m: CrashMotion) -> Iterator[Sign]:
@@ -178,7 +173,7 @@ def _rotor_behind(m: CrashMotion) -> Iterator[Sign]:
         if row is not None:
             # it began to fall when it left the others
             share = got[:, k] / np.maximum(np.delete(got, k, axis=1).mean(axis=1), 1e-6)
-            start = _onset(share, row, float(np.nanpercentile(share[m.learnt], 2.0)))
+            start = _since(share < float(np.nanpercentile(share[m.learnt], 2.0)), row, 15)
             text = f"{ROTOR_NAMES[k]} turns slower than it is asked to, the others do not"
             yield Sign(float(m.t[start]), "motor", text)
             return
@@ -222,13 +217,7 @@ def _rotor_lost(m: CrashMotion) -> Iterator[Sign]:
     for begin, end in runs(lost & m.flying):
         if end - begin < _OFF_S * RATE or np.ptp(towards[begin:end]) > 0:
             continue
-        row = begin
-        while (
-            row > 0
-            and begin - row < 3 * width
-            and size[row - 1] > min(usual, 0.5 * _TURN_RATE_RAD_S)
-        ):
-            row -= 1
+        row = _since(size > min(usual, 0.5 * _TURN_RATE_RAD_S), begin, 3 * width)
         name = ROTOR_NAMES[int(towards[begin])]
         text = f"it turns down at {name} although that rotor is asked for more"
         yield Sign(float(m.t[row]), "rotor", text)
@@ -280,9 +269,7 @@ def _touches(m: CrashMotion) -> Iterator[Sign]:
     size, limit = _pushes(m)
     for begin, end in runs((size > limit) & m.flying)[:3]:
         peak = begin + int(np.argmax(size[begin:end]))
-        row = begin
-        while row > 0 and begin - row < 6 and size[row - 1] > 0.3 * limit:
-            row -= 1
+        row = _since(size > 0.3 * limit, begin, 6)
         text = f"a push of {size[peak]:.0f} m/s² that the drives do not explain"
         yield Sign(float(m.t[row]), _where(m, begin), text)
 
@@ -365,21 +352,13 @@ def _grounds(m: CrashMotion) -> Iterator[Sign]:
     down = np.abs(above) < _REST_BAND_M
     lands = t[np.flatnonzero(~down)[-1]] if not down.all() else t[0]
     for row in find_peaks(-above, prominence=_RISE_M)[0]:
-        begin, end = _stretch(down, row)
+        begin, end = next(((b, e - 1) for b, e in runs(down) if b <= row < e), (row, row))
         off = t[begin] - max([t[0], *t[:begin][down[:begin]][-1:]])
         short = t[end] - t[begin] < _FREE_S < off and t[row] < lands - _REST_S
         if short and -2.0 * _REST_BAND_M < above[row] < _REST_BAND_M and m.flying[m.index(t[row])]:
             text = "it comes down to the height at which it rests at the end, and flies on"
             yield Sign(float(t[row]), "contact", text)
             return
-
-
-def _stretch(mask: Mask, row: int) -> tuple[int, int]:
-    """Return first and last row of the run of `mask` about a row."""
-    off = np.flatnonzero(~mask)
-    k = int(np.searchsorted(off, row))
-    begin = int(off[k - 1]) + 1 if k > 0 else 0
-    return min(begin, row), max(int(off[k]) - 1 if k < off.size else mask.size - 1, row)
 
 
 def _swings(m: CrashMotion) -> Iterator[Sign]:

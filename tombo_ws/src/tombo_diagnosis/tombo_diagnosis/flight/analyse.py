@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
+from scipy.special import expit
+
+from tombo_bag.flight import Finding
 from tombo_diagnosis.engine.model import Analysis, Explanation, Remainder, SearchResult
-from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses, restrict_to
+from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.engine.verdict import analyse_problem, judge, logistic, p_cause
+from tombo_diagnosis.engine.verdict import analyse_problem, p_cause
 from tombo_diagnosis.flight.fit.prediction import channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem
-from tombo_diagnosis.flight.fit.track import WIND, Track
-from tombo_diagnosis.flight.fit.transients import (
-    LostMemory,
-    Transient,
-    exclude_spans,
-    find_transients,
-    lost_memories,
-)
+from tombo_diagnosis.flight.fit.track import Track
+from tombo_diagnosis.flight.fit.transients import exclude_spans, find_transients, lost_memories
+from tombo_diagnosis.flight.leftover import has_line
 from tombo_diagnosis.flight.noise import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.residual_check import (
@@ -34,10 +33,8 @@ from tombo_diagnosis.flight.residual_check import (
     residual_variances,
     with_healthy,
 )
-from tombo_diagnosis.flight.swing import along, with_swing
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
-from tombo_dynamics.effects.compose import layout
 from tombo_flight.progress import ProgressCallback, no_progress
 
 MAX_LOG_VARIANCE_EXCESS = 0.6
@@ -89,7 +86,7 @@ class FlightRemainder(Remainder):
     """Share of the forces' remainder that other flights predict."""
     unexplained_groups: tuple[str, ...] = ()
     """Groups of channels with more than noise, the largest excess first."""
-    excluded: tuple[Transient | LostMemory, ...] = ()
+    excluded: tuple[Finding, ...] = ()
     """Short disturbances, and where an effect's memory is lost: they were excluded."""
     passes: tuple[str, ...] = ()
     """Names of the passes that changed the findings."""
@@ -98,27 +95,17 @@ class FlightRemainder(Remainder):
 FlightAnalysis = Analysis[FlightProblem, FlightRemainder]
 
 
-@dataclass(frozen=True)
-class Pass:
-    """A further analysis, where the findings give a reason for it."""
-
-    name: str
-    """Completes *analysed again ...*."""
-    run: Callable[[FlightAnalysis], FlightAnalysis | None]
-    """Returns the new findings; None: no reason for it, or it explains nothing more."""
-
-
 def analyse(
     tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback = no_progress
 ) -> FlightAnalysis:
     """Diagnose flights as recorded, then by each of `PASSES` in turn."""
     progress("predicting", 0.0)
     findings = analyse_problem(FlightProblem(tracks, nominal), check_residual, progress)
-    for each in PASSES:
-        progress(f"again {each.name}", 0.6)
-        again = each.run(findings)
+    for name, analyse_again in PASSES.items():
+        progress(f"again {name}", 0.6)
+        again = analyse_again(findings)
         if again is not None:
-            findings = with_history(again, findings.remainder, each.name)
+            findings = with_history(again, findings.remainder, name)
     return findings
 
 
@@ -137,16 +124,15 @@ def without_lost_memories(findings: FlightAnalysis) -> FlightAnalysis | None:
     Findings that are explained without the effect need no second look.
     """
     judgement, problem = findings.judgement, findings.problem
-    lost = lost_memories(problem)
+    effects = {effect for linear in problem.linears for effect in linear.lost}
     if judgement.verdict not in UNCERTAIN_VERDICTS:
-        answered = {*judgement.effects, *judgement.members}
-        lost = [each for each in lost if each.effect in answered]
+        effects &= {*judgement.effects, *judgement.members}
+    lost = lost_memories(problem, effects)
     left = exclude_spans(problem.tracks, lost) if lost else []
     if not left:
         return None
     followed = FlightProblem(left, problem.nominal)
     null = Explanation((), followed.null_hypothesis, 0.0)
-    effects = {each.effect for each in lost}
     ranked = rank_hypotheses(followed, null)
     if not any(h.effect in effects for gain, h in ranked if gain > 0.0):
         return None
@@ -154,26 +140,6 @@ def without_lost_memories(findings: FlightAnalysis) -> FlightAnalysis | None:
     if not effects & {*again.judgement.effects, *again.judgement.members}:
         return None
     return _excluding(again, lost)
-
-
-def in_swinging_air(findings: FlightAnalysis) -> FlightAnalysis | None:
-    """Analyse with the swing of a wind, where one is left and its mean is a cause.
-
-    A force that swings without a mean is neither wind nor gusts: it may be a push as well.
-    """
-    judgement, problem, best = findings.judgement, findings.problem, findings.search.best
-    if judgement.verdict not in UNCERTAIN_VERDICTS and "gusts" not in judgement.effects:
-        return None
-    # A map that is turned would turn the swing with it.
-    kept = [e for e in best.effects if REGISTRY[e].stage is not Stage.MOCAP]
-    tracks = with_swing(problem, restrict_to(problem, best, kept).fit)
-    if tracks is None:
-        return None
-    swinging = FlightProblem(tracks, problem.nominal)
-    again = analyse_problem(swinging, check_residual, no_progress)
-    if WIND in again.judgement.effects and along(tracks, *mean_wind(again)):
-        return again
-    return _without_gusts(findings)
 
 
 def without_transients(findings: FlightAnalysis) -> FlightAnalysis | None:
@@ -188,40 +154,17 @@ def without_transients(findings: FlightAnalysis) -> FlightAnalysis | None:
     return _excluding(analyse_problem(quiet, check_residual, no_progress), events)
 
 
-PASSES: Sequence[Pass] = (
-    Pass("where memories can be followed", without_lost_memories),
-    Pass("in air that swings", in_swinging_air),
-    Pass("without moments that do not fit", without_transients),
-)
-"""In this order, each on the findings of the one before."""
+PASSES: Mapping[str, Callable[[FlightAnalysis], FlightAnalysis | None]] = {
+    "where memories can be followed": without_lost_memories,
+    "without moments that do not fit": without_transients,
+}
+"""Further analyses in this order, each on the findings of the one before: None without a reason
+for it, or if it explains nothing more. The names complete *analysed again ...*."""
 
 
-def _excluding(
-    findings: FlightAnalysis, events: Sequence[Transient | LostMemory]
-) -> FlightAnalysis:
-    return replace(findings, remainder=replace(findings.remainder, excluded=tuple(events)))
-
-
-def _without_gusts(findings: FlightAnalysis) -> FlightAnalysis | None:
-    """Return findings whose gusts are an unknown force; None without gusts."""
-    left = findings.remainder
-    if left.gusts is None:
-        return None
-    left = replace(
-        left, gusts=None, clean=False, clean_where_explained=False, imitated={},
-        noise_log_bf={e: v for e, v in left.noise_log_bf.items() if e != "gusts"},
-        p_unexplained=max(left.p_unexplained, p_cause(left.gusts.evidence)),
-        unexplained_groups=tuple(dict.fromkeys((*left.unexplained_groups, "force"))),
-    )  # fmt: skip
-    judgement = judge(findings.problem.setting, findings.search, left)
-    return replace(findings, remainder=left, judgement=judgement)
-
-
-def mean_wind(findings: FlightAnalysis) -> tuple[float, float]:
-    """Return the velocity of the air along map x, y that the best explanation has [m/s]."""
-    places = layout()[WIND]
-    theta = findings.problem.final(findings.search.best.fit)
-    return float(theta[places["east"]]), float(theta[places["north"]])
+def _excluding(findings: FlightAnalysis, excluded: Sequence[Sequence[Finding]]) -> FlightAnalysis:
+    remainder = replace(findings.remainder, excluded=tuple(chain.from_iterable(excluded)))
+    return replace(findings, remainder=remainder)
 
 
 def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemainder:
@@ -253,7 +196,7 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
         and _share_of_one_flight(problem, best, expected) <= _MAX_SHARE_OF_ONE_FLIGHT
     ):
         gust_fit = fit_gusts(problem, replace(best, theta=theta), measured)
-        if gust_fit.evidence > least and gust_fit.stronger:
+        if gust_fit.evidence > least and gust_fit.stronger and not has_line(problem, best):
             gusts = gust_fit
             expected = with_healthy(noise_variances(problem, gust_fit.theta), nominal.healthy)
             rest = residual_excesses(measured, expected)
@@ -321,7 +264,7 @@ def weigh_remainder(
         doubted = _DYNAMICS if not concerned or concerned & _DYNAMICS else frozenset()
         clean_where_explained = not (concerned | doubted) & {*groups}
     odds = _UNEXPLAINED_SLOPE * (excess - _UNEXPLAINED_EVEN_EXCESS)
-    p_left = logistic(odds) if math.isfinite(excess) else 0.5
+    p_left = float(expit(odds)) if math.isfinite(excess) else 0.5
     noise = {fit.effect: fit.evidence for fit in remainder.scatter}
     if gusts is not None and accepted:
         noise["gusts"] = gusts.evidence

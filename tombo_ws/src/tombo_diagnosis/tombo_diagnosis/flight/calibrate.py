@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,14 +22,18 @@ from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.rotor_demand import HOVER_SPEED
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
+from tombo_dynamics.propeller.mounted_propeller import PlainPropeller
 from tombo_dynamics.rotor_maps import rotor_maps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES, VehicleParams
 from tombo_logs.checks.even_flight import poses_and_imu
 from tombo_logs.checks.spans import interpolated
 from tombo_logs.checks.wind import DRAG_KNOWN, USUAL_DRAG, Push, push_of
+from tombo_logs.readers.vehicle_airframe import vehicle_of
 
 _SLOWEST, _FASTEST = 0.1, 2.5
 """Speeds of the rotors over that in hover."""
+_TORQUE_M = 0.01
+"""Drag torque over thrust [m]; moments are not compared."""
 _FEWEST = 10
 """Samples of a channel that is used."""
 _FACTORS = {"mass_error.fraction", "thrust_coefficient_error.fraction"}
@@ -55,24 +59,6 @@ _THRUST_PARAMETERS = frozenset(
 """What only changes thrust: unknown where thrust is taken from the track."""
 
 
-@dataclass(frozen=True)
-class _Parabola:
-    """Thrust that grows with the square of a speed."""
-
-    coefficient: float
-    """[N s^2/rad^2]"""
-    omega_max: float
-    """[rad/s]"""
-
-    def thrust(self, omega: Array) -> Array:
-        """Return thrust [N] at speeds [rad/s]."""
-        return self.coefficient * np.asarray(omega) ** 2
-
-    def torque(self, omega: Array) -> Array:
-        """Return drag torque [N m] at speeds [rad/s]; it is not compared."""
-        return 0.01 * self.thrust(omega)
-
-
 def calibrated(logs: Sequence[Flight]) -> tuple[NominalModel, list[Flight]]:
     """Return a nominal model of the logs' airframe, and the logs with commands as rotor speeds.
 
@@ -93,7 +79,7 @@ def calibrated(logs: Sequence[Flight]) -> tuple[NominalModel, list[Flight]]:
         hover, changed = HOVER_SPEED, [_with_speeds(log, offset, gain) for log in logs]
     vehicle = _vehicle(frame, hover)
     coefficient = frame.mass * GRAVITY / 4.0 / hover**2
-    maps = rotor_maps(_Parabola(coefficient, vehicle.rotor_speed_max), vehicle)
+    maps = rotor_maps(PlainPropeller(coefficient, _TORQUE_M * coefficient), vehicle)
     label = f"{frame.name}, thrust fitted to its own flights"
     absorbed = _ABSORBED_PARAMETERS
     if not any("gyro" in log.series for log in logs):
@@ -222,17 +208,10 @@ def specific_force(track: Track) -> Array:
 
 def _vehicle(frame: Airframe, hover: float) -> VehicleParams:
     """Return the airframe as a vehicle that hovers at this rotor speed [rad/s]."""
-    inertia = frame.inertia or (0.1 * frame.mass * frame.arm_length**2,) * 3
-    return VehicleParams(
-        mass=frame.mass,
-        inertia_xx=inertia[0],
-        inertia_yy=inertia[1],
-        inertia_zz=inertia[2],
-        arm_length=frame.arm_length,
-        rotor_radius=frame.rotor_radius,
+    return replace(
+        vehicle_of(frame).vehicle,
         rotor_height=0.0,
         rotor_inertia=1e-9,
-        motor_time_constant=frame.motor_time_constant,
         rotor_speed_min=_SLOWEST * hover,
         rotor_speed_max=_FASTEST * hover,
     )

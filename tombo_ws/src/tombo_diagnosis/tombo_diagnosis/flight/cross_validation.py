@@ -13,15 +13,10 @@ import numpy as np
 from tombo_diagnosis.engine.cause_estimates import gain_of, rms
 from tombo_diagnosis.engine.model import Explanation, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST, restrict_to
-from tombo_diagnosis.engine.regression import Fit, FreeParameter, solve
+from tombo_diagnosis.engine.regression import Fit, solve
 from tombo_diagnosis.engine.verdict import analyse_problem
 from tombo_diagnosis.flight.analyse import FlightAnalysis, check_residual, with_history
-from tombo_diagnosis.flight.fit.prediction import (
-    motion_of,
-    residuals,
-    simulate_along_motion,
-    with_air,
-)
+from tombo_diagnosis.flight.fit.prediction import motion_of, residuals, simulate_along_motion
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.fit.sensitivity import with_scatter
 from tombo_diagnosis.flight.fit.track import TICK
@@ -35,11 +30,14 @@ from tombo_logs.checks.even_flight import IMU_WIDTH, smooth
 from tombo_sim.inverse_simulation import open_loop
 
 HORIZONS_S = (0.5, 1.0)
+_UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad"}
 _VELOCITY_WIDTH = 0.05
 """s: deviation of the Gaussian weight by which a window's first and last velocity are taken: of
 poses to 0.7 mm it knows them to some mm/s."""
 _HELD_DEVIATION_FACTOR = 1e-4
 """Factor on the prior deviation of an unknown that stays where other flights put it."""
+_HELD_SLACK = 1e-3
+"""Tolerances by which a parameter may pass its bound in flights that are predicted."""
 
 
 @dataclass(frozen=True)
@@ -137,27 +135,12 @@ def _solved(problem: FlightProblem, fit: Fit, flights: Sequence[int]) -> tuple[f
     A parameter that is not a cause stays at its nominal value if it would pass its bound: no
     propeller is stronger than new.
     """
-    unknowns = problem.unknowns
     normal = sum_of([tangent_of(fit).normals[f] for f in flights])
-    pinned = list(fit.pinned)
-    while True:
-        deviations = unknowns.deviations(fit.free, fit.prior_std_scale, pinned=pinned)
-        solution = solve(normal, deviations, fit.prior_mean)
-        over = [
-            place
-            for place, index in enumerate(unknowns.indices)
-            if place not in pinned
-            and index not in fit.free
-            and not _in_bounds(unknowns.parameters[index], fit.theta[index] + solution.mean[place])
-        ]
-        if not over:
-            return solution.evidence, solution.mean
-        pinned += over
-
-
-def _in_bounds(p: FreeParameter, value: float) -> bool:
-    slack = 1e-3 * p.resolution
-    return p.low - slack <= value <= p.high + slack
+    solution, _ = problem.solve_in_bounds(
+        normal, fit.free, fit.prior_std_scale, fit.theta, fit.prior_mean,
+        slack=_HELD_SLACK, pinned=fit.pinned, pin_free=False,
+    )  # fmt: skip
+    return solution.evidence, solution.mean
 
 
 def extended(
@@ -183,16 +166,13 @@ def extended(
 
 def one_step_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain]:
     """Return the gain of every channel's equation error."""
-    before: dict[str, list[float]] = {}
-    after: dict[str, list[float]] = {}
-    units: dict[str, str] = {}
+    errors = []
     for each in held:
-        for group, rows in each.before.residual.items():
-            for j, c in enumerate(problem.channels[each.flight][group]):
-                units[c.name] = c.unit
-                before.setdefault(c.name, []).append(rms(rows[:, j]))
-                after.setdefault(c.name, []).append(rms(each.after.residual[group][:, j]))
-    return [gain_of(n, units[n], "one step", before[n], after[n]) for n in before]
+        for group, before in each.before.residual.items():
+            channels, after = problem.channels[each.flight][group], each.after.residual[group]
+            for c, old, new in zip(channels, before.T, after.T, strict=True):
+                errors.append((c.name, c.unit, rms(old), rms(new)))
+    return _gains(errors, "one step")
 
 
 def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gain]:
@@ -202,21 +182,31 @@ def open_loop_gains(problem: FlightProblem, held: Sequence[HeldOut]) -> list[Gai
     """
     gains = []
     for horizon in HORIZONS_S:
-        before: dict[str, list[float]] = {}
-        after: dict[str, list[float]] = {}
+        errors = []
         for each in held:
-            for model, table in ((each.before, before), (each.after, after)):
-                errors = _window_errors(problem, each.flight, model.theta, model.draws, horizon)
-                for name, values in errors.items():
-                    table.setdefault(name, []).append(rms(values))
-        for name in before:
-            unit = {"position": "m", "velocity": "m/s", "attitude": "rad"}[name.split()[0]]
-            gains.append(gain_of(name, unit, f"{horizon:g} s", before[name], after[name]))
+            before, after = (
+                _window_errors(problem, each.flight, model, horizon)
+                for model in (each.before, each.after)
+            )
+            for name, old in before.items():
+                errors.append((name, _UNITS[name.split()[0]], rms(old), rms(after[name])))
+        gains += _gains(errors, f"{horizon:g} s")
     return gains
 
 
+def _gains(errors: Sequence[tuple[str, str, float, float]], horizon: str) -> list[Gain]:
+    """Return the gains from each flight's channel, unit, and RMS errors before and after."""
+    pairs: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for name, unit, before, after in errors:
+        pairs.setdefault((name, unit), []).append((before, after))
+    return [
+        gain_of(name, unit, horizon, *zip(*values, strict=True))
+        for (name, unit), values in pairs.items()
+    ]
+
+
 def _window_errors(
-    problem: FlightProblem, flight: int, theta: Array, draws: Array, horizon: float
+    problem: FlightProblem, flight: int, model: HeldOutPrediction, horizon: float
 ) -> dict[str, Array]:
     track, nominal = problem.tracks[flight], problem.nominal
     ticks = round(horizon / TICK)
@@ -226,18 +216,18 @@ def _window_errors(
     starts = starts[whole[starts + ticks] - whole[starts] == ticks]
     if not starts.size or not (track.command.size or track.speed.size):
         return {}
+    theta, draws = model.theta, model.draws
     motion = motion_of(track, nominal, theta)
-    model = simulate_along_motion(track, nominal, theta, motion, draws)
+    along = simulate_along_motion(track, nominal, theta, motion, draws)
     command = track.command if track.command.size else track.speed[:, :4]
     smooth = _smooth(motion.state, rates_measured=track.gyro.size > 0)
-    theta = with_air(track, theta)
     true = smooth[starts + ticks, :13]
 
     def flown(attitude_held: bool) -> Array:
         states = np.zeros(starts.size, State.layout)
         open_loop(
             nominal.plant(draws), nominal.maps, theta, TICK, smooth, command, track.speed,
-            model, starts, ticks, attitude_held, states,
+            along, starts, ticks, attitude_held, states,
         )  # fmt: skip
         return states.view(np.float64).reshape(-1, 13)
 
@@ -350,24 +340,17 @@ def surely_worse(gains: Sequence[Gain]) -> list[Gain]:
     ]
 
 
-@dataclass(frozen=True)
-class HeldOutTest:
-    """The findings after the test on held-out flights."""
-
-    findings: FlightAnalysis
-    final: Explanation
-    """What goes into the model."""
-    gains: list[Gain]
-    """Its gain in held-out flights."""
-    refused: dict[str, str]
-    """Effect -> what speaks against it, of causes that these flights contradict."""
-
-
-def refuse_contradicted(findings: FlightAnalysis) -> HeldOutTest:
+def refuse_contradicted(
+    findings: FlightAnalysis,
+) -> tuple[FlightAnalysis, Explanation, list[Gain], dict[str, str]]:
     """Take away causes that held-out flights contradict.
 
     A cause that makes the prediction of a channel surely worse goes, of several the least that
     does; then the search begins again without it.
+
+    Returns:
+        The findings after it, what goes into the model, its gain in held-out flights, and refused
+        effect -> what speaks against it.
     """
     refused: dict[str, str] = {}
     while True:
@@ -375,7 +358,7 @@ def refuse_contradicted(findings: FlightAnalysis) -> HeldOutTest:
         gains = held_out_gains(findings, final)
         worse = surely_worse(gains)
         if not worse or len(refused) == _MAX_REFUSED:
-            return HeldOutTest(findings, final, gains, refused)
+            return findings, final, gains, refused
         worst = min(worse, key=lambda g: g.reduction)
         refused[_culprit(findings, final, worst)] = _refusal_text(worst)
         problem = findings.problem

@@ -13,12 +13,7 @@ import numpy as np
 
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Flight
-from tombo_diagnosis.control.controller import (
-    ControllerReport,
-    cascade_gains,
-    controller_report,
-    with_controller,
-)
+from tombo_diagnosis.control.controller import ControllerReport, controller_report, with_controller
 from tombo_diagnosis.control.signals import DrivePlant
 from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary, Leftover, Residual
 from tombo_diagnosis.engine.model import Explanation
@@ -34,7 +29,6 @@ from tombo_diagnosis.flight.cross_validation import (
 )
 from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.track import Track, track_of
-from tombo_diagnosis.flight.fit.transients import excluded_findings
 from tombo_diagnosis.flight.leftover import flight_leftover, leftover_quantities
 from tombo_diagnosis.flight.nominal import (
     NominalModel,
@@ -48,8 +42,7 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.extended_model import Model
 from tombo_flight.model_file import read_model
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_flight.scenario import Scenario
-from tombo_flight.vehicle_file import VehicleFile, read_vehicle
+from tombo_flight.vehicle_file import read_vehicle
 from tombo_logs.checks import check_log
 from tombo_logs.checks.pipeline import POSE
 from tombo_logs.checks.rotors.hover import Hover, hover_of
@@ -102,8 +95,7 @@ def diagnose_flights(
     tracks = _blocks([track_of(log) for log in usable])
     findings = analyse(tracks, nominal, progress)
     progress("measuring the gain", 0.7)
-    tested = refuse_contradicted(findings)
-    findings, final, gains = tested.findings, tested.final, tested.gains
+    findings, final, gains, refused = refuse_contradicted(findings)
     problem, search, judgement = findings.problem, findings.search, findings.judgement
     causes = tuple(
         estimate_cause(e, findings, final if e in final.effects else search.explaining(e))
@@ -122,9 +114,9 @@ def diagnose_flights(
             *(f for log in logs for f in log.findings),
             *left_out,
             *unusable,
-            *excluded_findings(findings.remainder.excluded),
+            *findings.remainder.excluded,
         ),
-        candidates=scores(findings, gain_by_effect(problem, search), tested.refused),
+        candidates=scores(findings, gain_by_effect(problem, search), refused),
         flights=tuple(
             FlightSummary(
                 t.name, t.log.source, t.log.duration_s, t.used_s, t.formulation, t.missing
@@ -240,12 +232,9 @@ def _residuals(findings: FlightAnalysis, final: Explanation) -> list[Residual]:
 
 
 def _controller(logs: Sequence[Flight], nominal: NominalModel) -> ControllerReport | None:
-    """Return the report on the controller; the suite's own has known gains."""
     own = all(log.airframe is None for log in logs)
     plant = DrivePlant(nominal.vehicle, nominal.maps, nominal.maps.torque_ratio) if own else None
-    recorded = own and not nominal.vehicle_name and all("scenario" in g.metadata for g in logs)
-    expected = cascade_gains(Scenario().control) if recorded else ()
-    return controller_report(logs, plant, expected, "the suite's own")
+    return controller_report(logs, plant)
 
 
 def _noise(findings: FlightAnalysis) -> dict[str, float]:
@@ -289,29 +278,16 @@ def check_flights(
     return checked, refused
 
 
-def diagnose_files(
-    paths: Sequence[Path],
+def diagnose_unchecked(
+    flights: Sequence[Flight],
     nominal: NominalModel,
-    mapping: Path | str | None = None,
-    names: Mapping[str, str] | None = None,
-    vehicle: VehicleFile | None = None,
     progress: ProgressCallback = no_progress,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> tuple[Diagnosis, FlightAnalysis]:
-    """Read, check and diagnose flights, held against a vehicle file if given.
-
-    A flight that contradicts itself is left out. See `diagnose_flights`.
-
-    Raises:
-        InputError: as `read_logs`; or as `check_log`, if no flight is left.
-    """
-    progress(f"reading {paths[0].name}{' and others' if len(paths) > 1 else ''}", 0.0)
-    flights = read_logs(paths, mapping=mapping, names=names)
-    if vehicle is not None:
-        flights = held_against(flights, vehicle)
+    """Check flights and diagnose those that pass: see `check_flights`, `diagnose_flights`."""
     hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
-    logs, refused = check_flights(flights, hover, progress=progress)
-    return diagnose_flights(logs, nominal, progress, clock, refused)
+    checked, refused = check_flights(flights, hover, progress=progress)
+    return diagnose_flights(checked, nominal, progress, clock, refused)
 
 
 def diagnose_logs(
@@ -342,6 +318,9 @@ def diagnose_logs(
     """
     base = None if model is None else read_model(model)
     nominal = nominal_model(model, vehicle)
-    file = None if vehicle is None else read_vehicle(vehicle)
-    diagnosis, _ = diagnose_files(logs, nominal, mapping, names, file, on_progress, clock)
+    on_progress(f"reading {logs[0].name}{' and others' if len(logs) > 1 else ''}", 0.0)
+    flights = read_logs(logs, mapping=mapping, names=names)
+    if vehicle is not None:
+        flights = held_against(flights, read_vehicle(vehicle))
+    diagnosis, _ = diagnose_unchecked(flights, nominal, on_progress, clock)
     return diagnosis, nominal.label, base

@@ -6,10 +6,10 @@ mean of the other flights in slices of the variable: no shape is assumed.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
+from scipy.signal import lombscargle
 
 from tombo_diagnosis.diagnosis import VARIABLES, Dependence, Leftover, LeftoverSamples
 from tombo_diagnosis.engine.regression import Fit
@@ -30,6 +30,13 @@ _MIN_R2 = 0.1
 """Share of the leftover of held-out flights that a variable has to predict."""
 _MAX_VARIABLES = 3
 """Named for each quantity."""
+_MIN_PERIODS, _MAX_LINE_HZ, _LINE_STEP = 3.0, 1.5, 0.2
+"""Frequencies that are tried for a line: periods in the shortest flight, highest frequency, and
+step over the inverse of that flight's duration."""
+_NEIGHBOURS = (1.5, 8.0)
+"""Steps of one period per flight between a line and its neighbours."""
+_MIN_LINE_RATIO, _MIN_LINE_SHARE = 10.0, 0.5
+"""Least power of a line over its neighbours', and least share of the force."""
 
 
 def flight_leftover(
@@ -45,6 +52,34 @@ def flight_leftover(
         {q: _rms([s.body for s in each]) for q, each in measured.items()},
         tuple(s for each in measured.values() for s in each),
     )
+
+
+def has_line(problem: FlightProblem, fit: Fit) -> bool:
+    """Return whether most of the leftover horizontal force swings with one frequency.
+
+    Gusts have power at all frequencies. A line stands out of its neighbours in the spectrum of all
+    flights (Lomb's periodogram).
+    """
+    flights: dict[int, list[LeftoverSamples]] = {}
+    for f, track in enumerate(problem.tracks):
+        part = _samples(problem, fit, f, "force")
+        if part is not None:
+            flights.setdefault(id(track.log), []).append(part)
+    times = [np.concatenate([s.state["t"] for s in parts]) for parts in flights.values()]
+    forces = [np.concatenate([s.map[:, :2] for s in parts]) for parts in flights.values()]
+    length = min((float(np.ptp(t)) for t in times), default=0.0)
+    tried = np.arange(_MIN_PERIODS, _MAX_LINE_HZ * length, _LINE_STEP) / max(length, 1.0)
+    if tried.size < _NEIGHBOURS[1] / _LINE_STEP:
+        return False
+    powers = np.zeros(tried.size)
+    for t, force in zip(times, forces, strict=True):
+        for axis in force.T:
+            powers += 2.0 * lombscargle(t, axis - axis.mean(), 2.0 * np.pi * tried)
+    line = int(np.argmax(powers))
+    apart = np.abs(tried - tried[line]) * length
+    beside = powers[(apart > _NEIGHBOURS[0]) & (apart < _NEIGHBOURS[1])].mean()
+    total = sum(float(np.sum((force - force.mean(axis=0)) ** 2)) for force in forces)
+    return bool(powers[line] > max(_MIN_LINE_RATIO * beside, _MIN_LINE_SHARE * total))
 
 
 def leftover_quantities(groups: Collection[str]) -> tuple[str, ...]:
@@ -106,14 +141,8 @@ def _samples(
     length = max(1, round(_BLOCK_S * problem.per_second(group)))
     vehicle = problem.nominal.vehicle
     size = np.full(3, vehicle.mass) if quantity == "force" else _inertia(vehicle)
-    scale = size[list(axes)]
-    unknowns = problem.unknowns
-    tolerances = unknowns.deviations(fit.free, fit.prior_std_scale, pinned=fit.pinned)
-    slopes = problem.design(linear, group, flight)[chosen] * tolerances[None, :, None]
-    tolerated = block_means(np.transpose(slopes, (2, 0, 1)), length) * scale[:, None]
-    rows = problem.residual(fit, flight, _unknowns(problem, fit))[group][:, chosen]
-    target = block_means(rows, length) * scale
-    left = _without_tolerances(target, tolerated)
+    rows = problem.residual(fit, flight)[group][:, chosen]
+    left = block_means(rows, length) * size[list(axes)]
     rotation = linear.motion.rotation
     turned = block_means(kernel.smooth @ rotation.reshape(-1, 9), length).reshape(-1, 3, 3)
     body = np.full((len(left), 3), np.nan)
@@ -123,19 +152,6 @@ def _samples(
     state = _state(problem, fit, flight)
     means = {name: block_means(kernel.smooth @ v, length) for name, v in state.items()}
     return LeftoverSamples(track.name, quantity, means, turned, body)
-
-
-def _without_tolerances(target: Array, tolerated: Array) -> Array:
-    """Return (M, A) without what its tolerances most probably have.
-
-    `tolerated` (M, A, U): the change by one tolerance of each parameter. Noise changes from one
-    block to the next; slower changes are the leftover itself.
-    """
-    noise = np.maximum(np.diff(target, axis=0).std(axis=0) / math.sqrt(2.0), 1e-9)
-    x = (tolerated / noise[:, None]).reshape(target.size, -1)
-    y = (target / noise).reshape(-1)
-    off = np.linalg.solve(np.eye(x.shape[1]) + x.T @ x, x.T @ y)
-    return np.asarray(target - tolerated @ off)
 
 
 def _rms(values: Sequence[Array]) -> float:
@@ -159,14 +175,6 @@ def _channels(
 
 def _inertia(vehicle: object) -> Array:
     return np.array([getattr(vehicle, f"inertia_{axis}") for axis in ("xx", "yy", "zz")])
-
-
-def _unknowns(problem: FlightProblem, fit: Fit) -> Array:
-    """Return free parameters as fitted and all others as nominal, about the fit's theta."""
-    unknowns = fit.prior_mean.copy()
-    places = problem.unknowns.places((*fit.free, *problem.unknowns.absorbed))
-    unknowns[places] = fit.solution.mean[places]
-    return unknowns
 
 
 def _state(problem: FlightProblem, fit: Fit, flight: int) -> dict[str, Array]:

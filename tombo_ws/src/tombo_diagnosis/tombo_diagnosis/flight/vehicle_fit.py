@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -344,18 +345,22 @@ def _draw_unit(flight: FlightProblem) -> float:
     return scatter_unit(flight.theta, p)
 
 
+def _with_notes(file: VehicleFile, notes: Mapping[str, Note], **changed: Any) -> VehicleFile:
+    """Return a vehicle with changed sections, and notes on the values that it states."""
+    given, every = file.given | {*notes}, {**file.notes, **notes}
+    return dataclasses.replace(file, notes=every, given=given, **changed)
+
+
 def _with_supply(logs: Sequence[Flight], file: VehicleFile) -> VehicleFile:
     """Return a vehicle with the highest voltage that its flights begin with."""
     volts = [log.series["voltage"].values[:, 0] for log in logs if "voltage" in log.series]
     full = max((float(np.nanmax(v[: max(1, v.size // 20)])) for v in volts), default=math.nan)
     if not math.isfinite(full):
         return file
-    vehicle = from_mapping(
-        VehicleParams, {**dataclasses.asdict(file.vehicle), "battery_voltage": full}, "vehicle"
-    )
-    notes = {**file.notes, "vehicle.battery_voltage": Note(None, "highest in these flights")}
-    known = file.given | {"vehicle.battery_voltage"}
-    return dataclasses.replace(file, vehicle=vehicle, notes=notes, given=known)
+    values = {**dataclasses.asdict(file.vehicle), "battery_voltage": full}
+    vehicle = from_mapping(VehicleParams, values, "vehicle")
+    notes = {"vehicle.battery_voltage": Note(None, "highest in these flights")}
+    return _with_notes(file, notes, vehicle=vehicle)
 
 
 def _with_noise(
@@ -375,13 +380,14 @@ def _with_noise(
 def _with_fitted_drive(logs: Sequence[Flight], base: VehicleFile) -> VehicleFile:
     """Return the base with a drive: thrust by command and supply."""
     drive, error = fit_drive(logs, base.vehicle.mass)
-    source = f"fitted to {len(logs)} flights"
-    notes = {f"drive.{name}": Note(None, source) for name in ("offset", "supply_exponent")}
-    notes["drive.gain"] = Note(max(error * drive.gain, 1e-9), source)
-    fields = [f"drive.{f.name}" for f in dataclasses.fields(drive)]
-    return dataclasses.replace(
-        base, drive=drive, given=base.given | {*fields}, notes={**base.notes, **notes}
+    notes = {
+        f"drive.{name}": Note(None, f"fitted to {len(logs)} flights")
+        for name in ("gain", "offset", "supply_exponent", "supply")
+    }
+    notes["drive.gain"] = dataclasses.replace(
+        notes["drive.gain"], tolerance=max(error * drive.gain, 1e-9)
     )
+    return _with_notes(base, notes, drive=drive)
 
 
 def fit_drive(logs: Sequence[Flight], mass: float) -> tuple[DriveParams, float]:
@@ -457,14 +463,8 @@ def _with_fitted(
 ) -> VehicleFile:
     """Return a vehicle with the values that were seen."""
     vehicle, propeller = file.vehicle, file.propeller
-    notes, known = dict(file.notes), set(file.given)
+    deviations: dict[str, float] = {}
     effects = {name: dict(values) for name, values in file.effects.items()}
-    source = f"fitted to {flights} flights"
-
-    def noted(key: str, tolerance: float) -> None:
-        notes[key] = Note(max(tolerance, 1e-12), source)
-        known.add(key)
-
     for label, fitted in seen.items():
         effect, _, name = label.partition(".")
         deviation = (fitted.high - fitted.low) / (2.0 * TWO_SIDED)
@@ -472,18 +472,20 @@ def _with_fitted(
             old = getattr(vehicle, f"inertia_{name}")
             new = old * (1.0 + fitted.value)
             vehicle = dataclasses.replace(vehicle, **{f"inertia_{name}": new})
-            noted(f"vehicle.inertia_{name}", old * deviation)
+            deviations[f"vehicle.inertia_{name}"] = old * deviation
         elif effect == "motor_lag":
             new = max(vehicle.motor_time_constant + fitted.value, 1e-3)
             vehicle = dataclasses.replace(vehicle, motor_time_constant=new)
-            noted("vehicle.motor_time_constant", deviation)
+            deviations["vehicle.motor_time_constant"] = deviation
         elif effect == "thrust_coefficient_error" and propeller.k_thrust > 0.0:
             old = propeller.k_thrust
             propeller = dataclasses.replace(propeller, k_thrust=old * (1.0 + fitted.value))
-            noted("propeller.k_thrust", old * deviation)
+            deviations["propeller.k_thrust"] = old * deviation
         else:
             effects.setdefault(effect, {})[name] = fitted.value
-    return dataclasses.replace(
-        file, vehicle=vehicle, propeller=propeller, effects=effects, notes=notes,
-        given=frozenset(known), about=file.about or f"fitted to {flights} flights",
+    about = f"fitted to {flights} flights"
+    notes = {key: Note(max(value, 1e-12), about) for key, value in deviations.items()}
+    return _with_notes(
+        file, notes, vehicle=vehicle, propeller=propeller, effects=effects,
+        about=file.about or about,
     )  # fmt: skip

@@ -17,6 +17,7 @@ from tombo_diagnosis.engine.regression import (
     TIGHT,
     Fit,
     NormalEquations,
+    Posterior,
     Unknowns,
     solve,
 )
@@ -91,18 +92,12 @@ def healthy_confidence(healthy: HealthyFlights) -> float:
     return succession(healthy.left_out, healthy.accused)
 
 
-Parts = dict[str, tuple[Array, Array, Array]]
-"""group -> normal matrices (channels, K, K), vectors (channels, K), squares (channels)."""
-
-
 @dataclass(frozen=True)
 class FlightTangent:
     """The equations of a fit, flight by flight."""
 
     linears: tuple[Linearization, ...]
     normals: tuple[NormalEquations, ...]
-    parts: tuple[Parts, ...]
-    """The same by channel, not weighed."""
 
 
 def tangent_of(fit: Fit) -> FlightTangent:
@@ -140,25 +135,24 @@ class FlightProblem:
             absorbed,
         )
         self.unknowns = unknowns
-        self._parts: list[Parts] = []
         self.variances: list[dict[str, Array]] = []
         """Noise of each flight's channels by group, correlation included."""
-        self._prepare()
+        self.normals: tuple[NormalEquations, ...] = ()
+        """Of each flight, about the nominal model."""
+        self._estimate_noise()
         if each and self.vehicles > 1:
             every = solve(self.normal(), unknowns.deviations(seen)).evidence
-            parts_of_flights = self._parts
+            normals = self.normals
             self.unknowns, self.vehicles = replace(unknowns, draws=each), 1
             # With the same noise as before: what does not fit would else pass for noise.
-            self._parts = self._all_parts()
+            self.normals = self._normals(self.linears)
             if solve(self.normal(), self.unknowns.deviations(seen)).evidence < every:
                 self.unknowns, self.vehicles = unknowns, len(self.tracks)
-                self._parts = parts_of_flights
+                self.normals = normals
             else:
-                self._prepare()
+                self._estimate_noise()
         self.unknowns = replace(self.unknowns, unobservable=self._find_unobservable())
-        tangent = FlightTangent(
-            tuple(self.linears), self._weighed(self._parts), tuple(self._parts)
-        )
+        tangent = FlightTangent(tuple(self.linears), self.normals)
         nominal_fit = self._solved(
             (), NOMINAL_WIDTHS, self.theta, np.zeros(self.unknowns.count), tangent
         )
@@ -193,18 +187,16 @@ class FlightProblem:
         vehicle = flight if self.vehicles > 1 else 0
         return len(self.unknowns.indices) + len(self.drawn) * vehicle
 
-    def _all_parts(self) -> list[Parts]:
-        return [self._by_channel(linear, f) for f, linear in enumerate(self.linears)]
-
-    def _prepare(self) -> None:
-        self._parts = self._all_parts()
+    def _estimate_noise(self) -> None:
         self.variances = [
             {g: np.maximum(v.var(axis=0), 1e-12) * 20.0 for g, v in linear.residual.items()}
             for linear in self.linears
         ]
+        self.normals = self._normals(self.linears)
         for _ in range(2):
             every = solve(self.normal(), self.unknowns.deviations(self.unknowns.indices))
             self.variances = self._variances(every.mean)
+            self.normals = self._normals(self.linears)
 
     def _find_unobservable(self) -> frozenset[int]:
         """Return what stays below a share of the noise even where its signal is largest.
@@ -214,35 +206,28 @@ class FlightProblem:
         What shows now and then only, as the ground does in a landing, counts by these moments.
         """
         every = solve(self.normal(), self.unknowns.deviations(self.unknowns.indices)).mean
-        noise: dict[tuple[str, str], list[float]] = {}
-        shown: dict[int, dict[tuple[str, str], list[float]]] = {}
-        for f, linear in enumerate(self.linears):
-            for group, rows in linear.residual.items():
-                rest = rows - self._explained(linear, group, f, every)
-                names = [(group, c.name) for c in self.channels[f][group]]
-                for place, value in zip(names, np.mean(rest**2, axis=0), strict=True):
-                    noise.setdefault(place, []).append(float(value))
-                for index, change in linear.slopes.items():
-                    window = round(_VISIBILITY_WINDOW_S * self.per_second(group))
-                    squares = change[group] ** 2
-                    sizes = block_means(squares, min(window, len(squares))).max(axis=0)
-                    table = shown.setdefault(index, {})
-                    for place, value in zip(names, sizes, strict=True):
-                        table.setdefault(place, []).append(float(value))
+        noise = {
+            channel: max(float(np.mean([np.mean(rows**2) for rows in flights])), 1e-18)
+            for channel, flights in self._rest(every).items()
+        }
         unobservable = set()
-        for index, table in shown.items():
+        for index in self.unknowns.indices:
+            shown: dict[tuple[str, str], list[float]] = {}
+            for channels, linear in zip(self.channels, self.linears, strict=True):
+                for group, change in linear.slopes.get(index, {}).items():
+                    window = round(_VISIBILITY_WINDOW_S * self.per_second(group))
+                    largest = block_means(change**2, min(window, len(change))).max(axis=0)
+                    for c, square in zip(channels[group], largest, strict=True):
+                        shown.setdefault((group, c.name), []).append(float(square))
             scale = self.unknowns.parameters[index].scale
-            best = max(
-                scale**2 * float(np.mean(values)) / max(float(np.mean(noise[place])), 1e-18)
-                for place, values in table.items()
-            )
-            if best < _VISIBLE**2:
+            best = max(float(np.mean(v)) / noise[channel] for channel, v in shown.items())
+            if scale**2 * best < _VISIBLE**2:
                 unobservable.add(index)
         return frozenset(unobservable)
 
     def normal(self) -> NormalEquations:
         """Return the equations of all flights about the nominal model."""
-        return sum_of([self._weigh(parts, f) for f, parts in enumerate(self._parts)])
+        return sum_of(self.normals)
 
     def design(self, linear: Linearization, group: str, flight: int) -> Array:
         """Return (channels, K, rows): slopes of a group's channels with every unknown."""
@@ -259,15 +244,7 @@ class FlightProblem:
 
     def _explained(self, linear: Linearization, group: str, flight: int, unknowns: Array) -> Array:
         """Return (rows, channels): what unknowns (K,) change in a group's channels."""
-        total = np.zeros_like(linear.residual[group])
-        for k, index in enumerate(self.unknowns.indices):
-            if unknowns[k] and index in linear.slopes:
-                total += unknowns[k] * linear.slopes[index][group]
-        first = self.first_draw(flight)
-        for j, draw in enumerate(self.drawn):
-            if draw in linear.draws:
-                total += unknowns[first + j] * linear.draws[draw][group]
-        return total
+        return np.asarray(np.tensordot(unknowns, self.design(linear, group, flight), (0, 1)).T)
 
     def residual(self, fit: Fit, flight: int, unknowns: Array | None = None) -> dict[str, Array]:
         """Return the residual of a flight's channels, group -> (rows, channels).
@@ -287,6 +264,53 @@ class FlightProblem:
             for group, rows in linear.residual.items()
         }
 
+    def solve_in_bounds(
+        self,
+        normal: NormalEquations,
+        free: Sequence[int],
+        prior_std_scale: Mapping[str, float],
+        theta: Array,
+        prior_mean: Array,
+        *,
+        slack: float = _BEYOND,
+        pinned: Sequence[int] = (),
+        pin_free: bool = True,
+    ) -> tuple[Posterior, tuple[int, ...]]:
+        """Return what equations about theta come to, and the columns that stay at a bound.
+
+        A parameter that the data would move beyond its bound is pinned there: no delay is
+        negative. A free parameter is pinned only at the bound where it has no effect, or not at
+        all: a propeller that is stronger than new, with a scatter that makes up for it, turns the
+        vehicle at will.
+
+        Args:
+            normal: the equations.
+            free: places in theta.
+            prior_std_scale: stochastic effect -> factor on its width.
+            theta: all parameters.
+            prior_mean: (K,) about theta.
+            slack: tolerances by which a parameter may pass a bound.
+            pinned: columns that are pinned anyway.
+            pin_free: False: free parameters stay free.
+        """
+        unknowns, columns = self.unknowns, list(pinned)
+        while True:
+            deviations = unknowns.deviations(free, prior_std_scale, pinned=columns)
+            solution = solve(normal, deviations, prior_mean)
+            over = []
+            for place, index in enumerate(unknowns.indices):
+                p = unknowns.parameters[index]
+                value = theta[index] + solution.mean[place]
+                room = slack * p.resolution
+                outside = value < p.low - room or value > p.high + room
+                bound = p.low if value < p.low else p.high
+                held = index not in free or (pin_free and bound == self.theta[index])
+                if outside and held and place not in columns:
+                    over.append(place)
+            if not over:
+                return solution, tuple(columns)
+            columns += over
+
     def _solved(
         self,
         free: Sequence[int],
@@ -295,34 +319,12 @@ class FlightProblem:
         prior_mean: Array,
         tangent: FlightTangent,
     ) -> Fit:
-        """Return the fit that equations about theta come to.
-
-        A parameter that the data would move beyond its bound is pinned there: no delay is
-        negative. A free parameter is pinned only at the bound where it has no effect: a propeller
-        that is stronger than new, with a scatter that makes up for it, turns the vehicle at will.
-        """
-        unknowns, normal = self.unknowns, sum_of(tangent.normals)
-        pinned: list[int] = []
-        while True:
-            deviations = unknowns.deviations(free, prior_std_scale, pinned=pinned)
-            solution = solve(normal, deviations, prior_mean)
-            over = []
-            for place, index in enumerate(unknowns.indices):
-                p = unknowns.parameters[index]
-                value = theta[index] + solution.mean[place]
-                slack = _BEYOND * p.resolution
-                outside = value < p.low - slack or value > p.high + slack
-                bound = p.low if value < p.low else p.high
-                held = index not in free or bound == self.theta[index]
-                if outside and held and place not in pinned:
-                    over.append(place)
-            if not over:
-                break
-            pinned += over
+        """Return the fit that the equations of a tangent about theta come to."""
+        normal = sum_of(tangent.normals)
+        solution, pinned = self.solve_in_bounds(normal, free, prior_std_scale, theta, prior_mean)
         return Fit(
             tuple(free), prior_std_scale, theta, prior_mean, solution, normal, solution.evidence,
-            tangent,
-            tuple(pinned),
+            tangent, pinned,
         )  # fmt: skip
 
     def fit(
@@ -377,9 +379,6 @@ class FlightProblem:
         again = replace(again, normal=sum_of(again.tangent.normals))
         return self.fit(fit.free, fit.prior_std_scale, again, slopes=False)
 
-    def _weighed(self, parts: Sequence[Parts]) -> tuple[NormalEquations, ...]:
-        return tuple(self._weigh(part, f) for f, part in enumerate(parts))
-
     def _about(
         self, theta: Array, renewed: Sequence[int] | None, before: FlightTangent
     ) -> FlightTangent:
@@ -395,65 +394,59 @@ class FlightProblem:
             list(zip(self.tracks, self.linears, before.linears, strict=True)),
         )  # fmt: skip
         if renewed is None:
-            parts = tuple(self._by_channel(linear, f) for f, linear in enumerate(fresh))
-            return FlightTangent(tuple(fresh), self._weighed(parts), parts)
+            return FlightTangent(tuple(fresh), self._normals(fresh))
         linears = tuple(
             replace(new, slopes={**old.slopes, **new.slopes}, draws=old.draws)
             for new, old in zip(fresh, before.linears, strict=True)
         )
         places = self.unknowns.places(renewed)
-        parts = tuple(
-            self._by_channel(linear, f, part, places)
-            for f, (linear, part) in enumerate(zip(linears, before.parts, strict=True))
+        normals = tuple(
+            self._equations(linear, f, normal, places)
+            for f, (linear, normal) in enumerate(zip(linears, before.normals, strict=True))
         )
-        return FlightTangent(linears, self._weighed(parts), parts)
+        return FlightTangent(linears, normals)
 
-    def _by_channel(
+    def _normals(self, linears: Sequence[Linearization]) -> tuple[NormalEquations, ...]:
+        return tuple(self._equations(linear, f) for f, linear in enumerate(linears))
+
+    def _equations(
         self,
         linear: Linearization,
         flight: int,
-        before: Parts | None = None,
+        before: NormalEquations | None = None,
         places: Sequence[int] = (),
-    ) -> Parts:
-        """Return the normal equations of each group's channels, not weighed.
+    ) -> NormalEquations:
+        """Return a flight's normal equations.
 
         `before`: equations whose slopes are the same, but for those of the columns at `places`.
         """
-        parts = {}
+        count = self.unknowns.count
+        vector, square = np.zeros(count), 0.0
+        columns = slice(None) if before is None else list(places)
+        slopes = np.zeros((count, count if before is None else len(places)))
         for group, residual in linear.residual.items():
             design = self.design(linear, group, flight)
-            if before is None:
-                matrices = design @ np.transpose(design, (0, 2, 1))
-            else:
-                matrices = before[group][0]
-                if len(places):
-                    matrices = matrices.copy()
-                    cross = design @ np.transpose(design[:, places], (0, 2, 1))
-                    matrices[:, :, places] = cross
-                    matrices[:, places, :] = np.transpose(cross, (0, 2, 1))
-            vectors = (design @ residual.T[:, :, None])[:, :, 0]
-            parts[group] = (matrices, vectors, np.sum(residual**2, axis=0))
-        return parts
-
-    def _weigh(self, parts: Parts, flight: int) -> NormalEquations:
-        matrix = np.zeros((self.unknowns.count, self.unknowns.count))
-        vector = np.zeros(self.unknowns.count)
-        square = 0.0
-        for group, (matrices, vectors, squares) in parts.items():
-            weights = 1.0 / self.variances[flight][group]
-            matrix += np.tensordot(weights, matrices, 1)
-            vector += weights @ vectors
-            square += float(weights @ squares)
+            weighed = design / self.variances[flight][group][:, None, None]
+            vector += np.tensordot(weighed, residual, ((0, 2), (1, 0)))
+            square += float(np.sum(residual**2 / self.variances[flight][group]))
+            slopes += np.tensordot(weighed, design[:, columns], ((0, 2), (0, 2)))
+        matrix = np.zeros((count, count)) if before is None else before.matrix.copy()
+        matrix[:, columns] = slopes
+        matrix[columns] = slopes.T
         return NormalEquations(matrix, vector, square)
+
+    def _rest(self, unknowns: Array) -> dict[tuple[str, str], list[Array]]:
+        """Return group and channel -> what unknowns (K,) about the nominal model leave of each."""
+        rest: dict[tuple[str, str], list[Array]] = {}
+        for f, linear in enumerate(self.linears):
+            for group, rows in linear.residual.items():
+                left = rows - self._explained(linear, group, f, unknowns)
+                for c, column in zip(self.channels[f][group], left.T, strict=True):
+                    rest.setdefault((group, c.name), []).append(column)
+        return rest
 
     def _variances(self, unknowns: Array) -> list[dict[str, Array]]:
         """Return the noise of each flight's channels, from the residual of the unknowns."""
-        residual: dict[tuple[str, str], list[Array]] = {}
-        for f, linear in enumerate(self.linears):
-            for group, rows in linear.residual.items():
-                rest = rows - self._explained(linear, group, f, unknowns)
-                for c, left in zip(self.channels[f][group], rest.T, strict=True):
-                    residual.setdefault((group, c.name), []).append(left)
         healthy = self.nominal.healthy
         usual: Mapping[str, Sequence[float]] = {} if healthy is None else healthy.residuals
         variances = {
@@ -461,7 +454,7 @@ class FlightProblem:
                 long_run_variance(rows, self.per_second(group), floors_of(name)[0]),
                 long_run_of_scales(usual.get(name, ()), self.per_second(group)),
             )
-            for (group, name), rows in residual.items()
+            for (group, name), rows in self._rest(unknowns).items()
         }
         return [
             {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -83,7 +83,11 @@ class _PredictedFlight:
     nominal: NominalModel
     theta: Array
     motion: MotionOfPoses
-    residual: Groups
+
+    @cached_property
+    def residual(self) -> Groups:
+        """Residual at this theta."""
+        return residuals(self.track, self.nominal, self.theta, self.motion)
 
     def slope(self, p: FreeParameter) -> Groups | None:
         """Return the change of the prediction per unit of a parameter; None: none."""
@@ -93,14 +97,6 @@ class _PredictedFlight:
         moved[p.index] += step
         motion = None if affects_poses(p.index) else self.motion
         return _change(self.residual, residuals(self.track, self.nominal, moved, motion), step)
-
-
-def _predicted(
-    track: Track, nominal: NominalModel, theta: Array, motion: MotionOfPoses
-) -> _PredictedFlight:
-    return _PredictedFlight(
-        track, nominal, theta, motion, residuals(track, nominal, theta, motion)
-    )
 
 
 def _change(before: Groups, after: Groups, step: float) -> Groups | None:
@@ -126,7 +122,7 @@ def linearize(
     """
     motion = motion_of(track, nominal, theta)
     driver = along.driver if along else _with_commanded_speeds(track, nominal, theta, motion)
-    here = _predicted(driver, nominal, theta, motion)
+    here = _PredictedFlight(driver, nominal, theta, motion)
     start_along = base = here.residual
     if driver is track:
         residual = base
@@ -175,7 +171,7 @@ def linearize(
 def _replica(track: Track, nominal: NominalModel, theta: Array, seed: int) -> _PredictedFlight:
     """Return the flight with the noise of its poses once more."""
     again = with_pose_noise(track, nominal, theta, seed)
-    return _predicted(again, nominal, theta, motion_of(again, nominal, theta))
+    return _PredictedFlight(again, nominal, theta, motion_of(again, nominal, theta))
 
 
 def _lost_memories(here: _PredictedFlight, slopes: Mapping[int, Groups]) -> dict[str, float]:

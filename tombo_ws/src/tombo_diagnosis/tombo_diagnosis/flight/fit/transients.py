@@ -9,9 +9,7 @@ reported.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from operator import itemgetter
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -32,113 +30,79 @@ _NORMAL = 1.4826
 """Standard deviation of normal noise over its median absolute deviation."""
 
 
-@dataclass(frozen=True)
-class Transient:
-    """A moment of one flight."""
+def find_transients(problem: FlightProblem, fit: Fit) -> list[list[Finding]]:
+    """Return each flight's moments at which a fit leaves far more than at all other times.
 
-    flight: int
-    name: str
-    """Of the flight."""
-    start_s: float
-    end_s: float
-    channel: str
-    """That shows it most."""
-    times_noise: float
-
-
-def find_transients(problem: FlightProblem, fit: Fit) -> list[Transient]:
-    """Return the moments at which a fit leaves far more than at all other times."""
-    transients: list[Transient] = []
-    for f, track in enumerate(problem.tracks):
-        of_flight = _of_flight(problem, fit, f)
-        lasted = sum(event.end_s - event.start_s for event in of_flight)
-        if len(of_flight) > _MOMENTS or lasted > _SHARE * track.used_s:
+    Empty if a flight has none or too many.
+    """
+    moments = [_moments(problem, fit, f) for f in range(len(problem.tracks))]
+    for track, found in zip(problem.tracks, moments, strict=True):
+        lasted = sum(each.end_s - each.start_s for each in found)
+        if len(found) > _MOMENTS or lasted > _SHARE * track.used_s:
             return []
-        transients += of_flight
-    return transients
+    return moments if any(moments) else []
 
 
-def _of_flight(problem: FlightProblem, fit: Fit, flight: int) -> list[Transient]:
-    moments: list[tuple[float, float, str]] = []
+def _moments(problem: FlightProblem, fit: Fit, flight: int) -> list[Finding]:
+    track = problem.tracks[flight]
+    samples: list[tuple[float, float, str]] = []
     for group, rows in problem.residual(fit, flight).items():
         if group == "pose":
             continue
-        times = problem.tracks[flight].times(group)
+        times = track.times(group)
         off = np.abs(rows - np.median(rows, axis=0))
         ratio = off / np.maximum(_NORMAL * np.median(off, axis=0), 1e-12)
         channels = problem.channels[flight][group]
         for k, j in zip(*np.nonzero(ratio > _BURST), strict=True):
-            moments.append((float(times[k]), float(ratio[k, j]), channels[j].name))
-    moments.sort()
-    flight_name = problem.tracks[flight].name
-    events: list[Transient] = []
-    for t, ratio_, name in moments:
-        last = events[-1] if events else None
-        if last is not None and t - last.end_s < _APART_S:
-            most, channel = max(
-                (last.times_noise, last.channel), (ratio_, name), key=itemgetter(0)
-            )
-            events[-1] = replace(last, end_s=t + _AROUND_S, channel=channel, times_noise=most)
+            samples.append((float(times[k]), float(ratio[k, j]), channels[j].name))
+    samples.sort()
+    moments: list[list[tuple[float, float, str]]] = []
+    for sample in samples:
+        if moments and sample[0] - moments[-1][-1][0] < _AROUND_S + _APART_S:
+            moments[-1].append(sample)
         else:
-            events.append(
-                Transient(flight, flight_name, t - _AROUND_S, t + _AROUND_S, name, ratio_)
+            moments.append([sample])
+    findings = []
+    for moment in moments:
+        _, ratio, channel = max(moment, key=lambda sample: sample[1])
+        text = (
+            f"something acts for a moment that no cause explains ({channel}: {ratio:.0f} times "
+            "the noise), as in a touch or a knock: set apart"
+        )
+        span = moment[0][0] - _AROUND_S, moment[-1][0] + _AROUND_S
+        findings.append(Finding("moment", "fault", track.name, text, *span, channel))
+    return findings
+
+
+def lost_memories(problem: FlightProblem, effects: Collection[str]) -> list[list[Finding]]:
+    """Return each flight's rest, in which the poses don't show what some effects do.
+
+    Empty if all of these effects can be followed.
+    """
+    lost = [
+        [
+            Finding(
+                "memory", "warning", track.name,
+                f"from {start:.1f} s on the noise of the poses decides what a "
+                f"{effect.replace('_', ' ')} does: set apart",
+                start, float(track.t[-1]),
             )
-    return events
+            for effect, start in linear.lost.items()
+            if effect in effects
+        ]
+        for track, linear in zip(problem.tracks, problem.linears, strict=True)
+    ]  # fmt: skip
+    return lost if any(lost) else []
 
 
-@dataclass(frozen=True)
-class LostMemory:
-    """The rest of a flight, in which the poses don't show an effect with a memory."""
-
-    flight: int
-    name: str
-    """Of the flight."""
-    start_s: float
-    end_s: float
-    effect: str
-
-
-def lost_memories(problem: FlightProblem) -> list[LostMemory]:
-    """Return where effects with a memory can't be followed."""
-    return [
-        LostMemory(f, problem.tracks[f].name, start, float(problem.tracks[f].t[-1]), effect)
-        for f, linear in enumerate(problem.linears)
-        for effect, start in linear.lost.items()
-    ]
-
-
-def exclude_spans(
-    tracks: Sequence[Track], events: Sequence[Transient | LostMemory]
-) -> list[Track]:
-    """Return the flights without these spans, those with nearly nothing left not at all."""
+def exclude_spans(tracks: Sequence[Track], excluded: Sequence[Sequence[Finding]]) -> list[Track]:
+    """Return the flights without each one's spans; none of which nearly nothing is left."""
     result = []
-    for f, track in enumerate(tracks):
-        spans = [(e.start_s, e.end_s) for e in events if e.flight == f]
-        invalid = inside(track.t, spans)
+    for track, findings in zip(tracks, excluded, strict=True):
+        invalid = inside(track.t, [(each.start_s, each.end_s) for each in findings])
         counted = np.interp(track.pose_t, track.t, invalid.astype(np.float64)) < 0.5
         fast, slow = clear_rows(track.fast, invalid), clear_rows(track.slow, invalid)
-        left = track.only(fast, slow, counted) if spans else track
+        left = track.only(fast, slow, counted) if findings else track
         if left.used_s >= SHORTEST_S:
             result.append(left)
     return result
-
-
-def excluded_findings(events: Sequence[Transient | LostMemory]) -> list[Finding]:
-    """Report what was excluded."""
-    findings = []
-    for event in events:
-        name, span = event.name, (event.start_s, event.end_s)
-        if isinstance(event, LostMemory):
-            words = event.effect.replace("_", " ")
-            text = (
-                f"from {event.start_s:.1f} s on the noise of the poses decides what a {words} "
-                "does: set apart"
-            )
-            findings.append(Finding("memory", "warning", name, text, *span))
-            continue
-        text = (
-            f"something acts for a moment that no cause explains ({event.channel}: "
-            f"{event.times_noise:.0f} times the noise), as in a touch or a knock: set apart"
-        )
-        findings.append(Finding("moment", "fault", name, text, *span, event.channel))
-    return findings
