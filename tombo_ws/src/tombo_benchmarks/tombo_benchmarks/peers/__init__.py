@@ -1,1 +1,0 @@
-"""Flies crazyflow over the same course as this simulator: `python -m tombo_benchmarks.peers`."""
