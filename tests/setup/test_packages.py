@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tombo_bag.topics import TOPICS
-from tombo_benchmarks.docs.tables import IN_PLACE_OF_SIM, every_node, read_nodes
+from tombo_benchmarks.docs.tables import every_node, read_nodes
 
 ROOT = Path(__file__).parents[2]
 SRC = ROOT / "tombo_ws" / "src"
@@ -47,7 +47,7 @@ ROSDEP_KEY = {
 }
 TEST_KEYS = {"python3-hypothesis", "python3-pytest"}
 WITHOUT_KEY = {
-    *("daqp", "distributed", "foxglove", "gymnasium", "motioncapture", "pyarrow", "pyulog"),
+    *("daqp", "distributed", "gymnasium", "motioncapture", "pyarrow", "pyulog"),
     *("starlette", "uvicorn", "websockets"),
 }
 """Imports for which rosdep has no key: from pip, which docs/nodes.md says."""
@@ -138,12 +138,13 @@ def test_libraries_without_a_key_are_pinned_and_documented():
     pinned = "".join(f"\n{(ROOT / name).read_text()}" for name in files)
     page = (ROOT / "docs" / "nodes.md").read_text()
     for name in WITHOUT_KEY:
-        assert f"\n{name}==" in pinned or f"\n{name}-sdk==" in pinned
+        assert f"\n{name}==" in pinned
         assert f"`{name}`" in page
 
 
 def test_the_messages_of_every_node_are_declared():
-    nodes = [*every_node(), *read_nodes(IN_PLACE_OF_SIM)]
+    more = {name: f"tombo_px4.{name}" for name in ("px4_sim_node", "hil_sim_node")}
+    nodes = [*every_node(), *read_nodes(more)]
     used = {node.package: set(TOPICS) for node in nodes if node.name == "recorder"}
     for node in nodes:
         used.setdefault(node.package, set()).update(node.publishes, node.subscribes)

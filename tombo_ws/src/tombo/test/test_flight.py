@@ -109,16 +109,6 @@ def test_a_reaction_of_ones_own_is_flown_with_its_parameters(monkeypatch):
         assert x_c - x_r == pytest.approx([1.25, 0.0, 0.0], abs=1e-5)
 
 
-def test_what_is_done_to_the_scenario_of_a_flight_stays_with_that_flight():
-    first = tombo.fly("hover")
-    first.scenario["vehicle"]["mass"] = 9.0
-
-    second = tombo.fly("hover")
-
-    assert first.scenario["vehicle"]["mass"] == 9.0
-    assert second.scenario["vehicle"]["mass"] == second.record.scenario["vehicle"]["mass"] < 9.0
-
-
 def test_bad_input_names_what_is_accepted():
     with pytest.raises(tombo.InputError, match="did you mean 'mass'"):
         tombo.fly("hover", **{"vehicle.mas": 1.0})

@@ -128,19 +128,6 @@ def test_many_fly_as_each_alone():
 
 
 @pytest.mark.slow
-def test_a_kept_start_is_the_flight_it_was_kept_from():
-    env, fresh = make(starts=2, disturbances=True), make(disturbances=True)
-
-    def act(seen):
-        return np.tanh(seen[:ACTIONS])
-
-    first, again, new = episode(env, 3, act), episode(env, 5, act), episode(fresh, 1, act)
-    for one, two, three in zip(first[0], again[0], new[0], strict=True):
-        assert (one[0] == two[0]).all() and (one[0] == three[0]).all()
-        assert one[1:3] == two[1:3] == three[1:3]
-
-
-@pytest.mark.slow
 def test_vehicles_of_one_batch_share_the_kept_starts(monkeypatch):
     flown = []
     plain = Episodes._begin
@@ -175,12 +162,10 @@ def test_it_is_pickled_and_refuses_to_draw_by_the_error_that_trainers_catch():
     [
         (lambda: make(scenario="nowhere"), "scenario"),
         (lambda: make(starts=0), "starts"),
-        (lambda: make(**{"reaction.distance": 1e9}), "reaction.distance"),
         (lambda: make(scenario="hover", duration=3.0).reset(seed=0), "without a collision"),
         (lambda: make_vec(0), "num_envs"),
         (lambda: make_vec(2).reset(seed=[1]), "seed"),
         (lambda: tombo.gym.CollisionEnv().step(np.zeros(5)), "action"),
-        (lambda: tombo.gym.CollisionEnv().step(np.full(ACTIONS, np.nan)), "action"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(use, named):

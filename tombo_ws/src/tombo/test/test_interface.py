@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -60,20 +59,6 @@ def test_a_row_of_a_sweep_is_a_flight(tmp_path):
     assert (tmp_path / "s" / "sweep.html").is_file()
 
 
-@pytest.mark.slow
-def test_a_script_without_a_guard_sweeps_on_several_processes(tmp_path):
-    script = tmp_path / "study.py"
-    script.write_text(
-        "import tombo\n"
-        "t = tombo.sweep('hover', seeds=range(6), settings={'duration': 0.3}, workers=2)\n"
-        "print(len(t))\n"
-    )
-    run = subprocess.run(
-        [sys.executable, script], capture_output=True, text=True, cwd=tmp_path, timeout=120
-    )
-    assert (run.returncode, run.stdout) == (0, "6\n"), run.stderr
-
-
 def test_a_table_of_measurements_is_a_log(tmp_path):
     path = tmp_path / "flight.csv"
     t = np.arange(0.0, 5.0, 0.01)
@@ -102,13 +87,3 @@ def test_points_of_a_propeller_are_those_of_the_model():
     assert np.isnan(table["thrust_N"].iloc[2])
     stiff = tombo.propeller(13, 4000.0, length_mm=8.0)
     assert stiff["gamma_rad"].iloc[0] < table["gamma_rad"].iloc[1]
-
-
-@pytest.mark.parametrize("name", ["arena", "risk"])
-def test_a_former_name_says_what_replaces_it(name):
-    with pytest.raises(AttributeError, match=r"removed, use tombo\.sweep"):
-        getattr(tombo, name)
-
-
-def test_the_version_is_that_of_the_installed_package():
-    assert tombo.__version__ == version("tombo")

@@ -65,14 +65,6 @@ _WHERE = {
     "tombo_flight.own_files": {"import_files": "import_files"},
 }
 """Module → public name → its name there. A module is imported when a name of it is asked for."""
-_REMOVED = {
-    "arena": 'tombo.sweep("collisions", {"reaction.name": ["bounce", "reflex"]}, range(30), '
-    'settings={"disturbances": True})',
-    "risk": 'tombo.sweep("paper_collision", {"vehicle.mass": "norm(1.3,0.02)"}, design="lhs", '
-    "samples=4000)",
-    "import_reactions": "tombo.import_files",
-}
-"""Former name → what to use in its place."""
 
 
 def __getattr__(name: str) -> Any:
@@ -83,8 +75,7 @@ def __getattr__(name: str) -> Any:
             return value
     if name == "__version__":
         return version("tombo")
-    more = f"; it was removed, use {_REMOVED[name]}" if name in _REMOVED else ""
-    raise AttributeError(f"module 'tombo' has no attribute {name!r}{more}")
+    raise AttributeError(f"module 'tombo' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -27,12 +27,6 @@ class Share:
     package: str
 
 
-@dataclass(kw_only=True)
-class Executable:
-    executable: str
-    package: str
-
-
 @dataclass
 class NotEquals:
     left: Any
@@ -73,13 +67,6 @@ class Include:
     condition: If | None = field(kw_only=True)
 
 
-@dataclass
-class Process:
-    cmd: list[Any]
-    output: str = "log"
-    condition: If | None = None
-
-
 @dataclass(kw_only=True)
 class Node:
     executable: Any
@@ -101,11 +88,7 @@ class Description:
 
 MODULES: dict[str, dict[str, Any]] = {
     "launch": {"LaunchDescription": Description},
-    "launch.actions": {
-        "DeclareLaunchArgument": Argument,
-        "ExecuteProcess": Process,
-        "IncludeLaunchDescription": Include,
-    },
+    "launch.actions": {"DeclareLaunchArgument": Argument, "IncludeLaunchDescription": Include},
     "launch.conditions": {"IfCondition": If, "UnlessCondition": Unless},
     "launch.launch_description_sources": {"PythonLaunchDescriptionSource": Source},
     "launch.substitutions": {
@@ -115,7 +98,7 @@ MODULES: dict[str, dict[str, Any]] = {
     "launch_ros": {},
     "launch_ros.actions": {"Node": Node},
     "launch_ros.parameter_descriptions": {"ParameterValue": Value},
-    "launch_ros.substitutions": {"ExecutableInPackage": Executable, "FindPackageShare": Share},
+    "launch_ros.substitutions": {"FindPackageShare": Share},
 }
 
 
@@ -168,11 +151,8 @@ def launch(file: str, **given: str) -> list[Started]:
             unknown = handed.keys() - arguments_of(path.name).keys()
             assert not unknown, f"{path.name} has no argument {unknown}"
             started += launch(path.name, **handed)
-        elif isinstance(entity, Node):
-            started.append(as_started(entity, context))
         else:
-            words = [text(word, context) for word in entity.cmd]
-            started.append(Started("", "", "", [], {}, words))
+            started.append(as_started(entity, context))
     return started
 
 
@@ -181,8 +161,6 @@ def text(value: Any, context: dict[str, str]) -> str:
         return context[value.name]
     if isinstance(value, Share):
         return str(SRC / value.package)
-    if isinstance(value, Executable):
-        return f"lib/{value.package}/{value.executable}"
     if isinstance(value, list | tuple):
         return "".join(text(part, context) for part in value)
     if isinstance(value, NotEquals):

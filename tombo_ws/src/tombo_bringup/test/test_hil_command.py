@@ -14,8 +14,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tombo_bringup.cli.tables import Scroll
-
 COMPOSE = Path(__file__).parents[4] / "docker" / "compose.yaml"
 PEER = Path(__file__).parents[4] / "tombo_ws/src/tombo_px4/test/autopilot" / "hil_peer.py"
 COMMAND = [sys.executable, "-m", "tombo_bringup.cli.main", "hil", "--port", "0"]
@@ -93,12 +91,6 @@ def test_a_px4_that_left_is_told(started):
     assert started.lines[-1] == "stopped after 1 flights"
 
 
-def test_a_duration_ends_it_with_0(tombo):
-    result = tombo("hil", "--port", "0", "--duration", "0.05")
-    assert result.code == 0
-    assert result.out.splitlines()[-1] == "stopped after 0 flights"
-
-
 def test_a_busy_port_is_one_line_and_2(refused):
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
@@ -150,23 +142,3 @@ def test_the_compose_services_have_the_printed_parameters(introduction):
     assert px4["environment"] == vehicle | mocap
     assert px4["image"] in text
     assert px4["command"] == ["-d"]  # its shell takes a core without a terminal
-
-
-def test_it_prints_what_px4_needs_to_fly_by_motion_capture_alone(introduction):
-    _, given = settings(introduction())
-    assert given["PX4_PARAM_EKF2_EV_CTRL"] == "11"
-    assert given["PX4_PARAM_EKF2_GPS_CTRL"] == "0"
-    assert given["PX4_PARAM_SYS_HAS_GPS"] == "0"
-    assert given["PX4_PARAM_EKF2_HGT_REF"] == "3"
-    assert "PX4_PARAM_EKF2_EV_DELAY" not in given
-
-
-def test_a_state_is_shown_at_once_and_then_each_5_s(monkeypatch):
-    now_s = [7.0]
-    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
-    lines, shown = Scroll(None), []
-    for _ in range(60):
-        if lines.due():
-            shown.append(now_s[0])
-        now_s[0] += 0.25
-    assert shown == [7.0, 12.0, 17.0]

@@ -4,12 +4,9 @@ import subprocess
 import time
 
 import pytest
-from endpoint_bench import bench
 from px4_process import TOMBO, free_ports, px4_process, read_until
 from pymavlink.dialects.v20 import common as mavlink
 
-from in_time import in_time
-from tombo_bringup.cli.flight.px4_command import state_line
 from tombo_px4.bridge.vehicle_parameters import EV_DELAY, FLIGHT_PARAMETERS
 
 
@@ -63,34 +60,12 @@ def test_it_speaks_to_both_ports_and_stops_well_when_it_is_asked_to(number):
         assert not any("Traceback" in line for line in lines)
 
 
-@pytest.mark.real_time
-def test_it_ends_by_itself_after_its_duration():
-    code, out, err = run(*ports(), "--duration", "0.5")
-    assert (code, err) == (0, "")
-    assert "stopped after" in out
-    with in_time():
-        assert "stopped after 0.5 s" in out
-
-
 @pytest.mark.slow
 def test_a_busy_port_is_one_line_and_exit_code_2(refused):
     given = ports()
     for own in (int(given[1]) + 40, int(given[1]) + 4030):
         with listen(own):
             refused(("px4", *given), str(own), "in use")
-
-
-def test_the_state_is_one_line():
-    with bench() as b:
-        b.run(0.2)
-        assert "no position" in state_line(b.endpoint, b.boot_ns, 0)
-        b.settle()
-        b.client.send(b.client.mav.heartbeat_encode(6, 8, 0, 0, 4))
-        b.run(0.1)
-        line = state_line(b.endpoint, b.boot_ns, 1_500_000_000)
-    for words in ("disarmed, hold, on ground", "z 0.1", "12.6 V", "heard 245/191", "1.5 s behind"):
-        assert words in line
-    assert "\n" not in line
 
 
 @pytest.mark.slow

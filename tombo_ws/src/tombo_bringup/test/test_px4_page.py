@@ -46,8 +46,3 @@ def test_the_parameters_for_mocap_are_those_that_are_set():
     assert told.items() >= MOCAP_ONLY.items()
     known = {p.name for p in PARAMETERS}
     assert set(told) <= known
-
-
-def test_its_picture_is_there_and_small():
-    (name,) = re.findall(r"!\[[^]]+\]\((\w+\.png)\)", PAGE)
-    assert (ROOT / "docs" / name).stat().st_size < 300_000

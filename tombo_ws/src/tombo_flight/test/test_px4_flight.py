@@ -17,7 +17,6 @@ from tombo_bag.flight_topics import write_flight
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.topics import DIAGNOSTICS, PX4_STATUS
-from tombo_bringup.cli.flight.node_tables import grouped
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import fly_scenario
@@ -290,25 +289,6 @@ def test_what_is_armed_in_the_end_and_does_not_land_is_not_waited_for():
     found = watched((0.0, {"armed": True, "mode": "position"}, 1, False), (60.0, None, 5, True))
     assert found.at_rest and found.armed and found.mode == "position"
     assert not watched((0.0, {"armed": True}, 1, False), (60.0, None, 6, True)).at_rest
-
-
-def test_warnings_are_one_line_for_each_key():
-    lines = [
-        "[WARN] [102.5] [px4_bridge]: check.pose_stale: no poses for 1.2 s",
-        "[WARN] [104.5] [px4_bridge]: check.pose_stale: no poses for 3.0 s",
-        "[ERROR] [103.0] [px4_bridge]: PX4: Takeoff denied",
-        "[ERROR] [103.1] [px4_bridge]: PX4: Arming denied",
-        "... 3 more in x.log",
-    ]
-    wanted = [
-        "px4_bridge: WARN check.pose_stale: no poses for 1.2 s (2 times, first at 2.5 s)",
-        "px4_bridge: ERROR PX4: Takeoff denied (at 3.0 s)",
-        "px4_bridge: ERROR PX4: Arming denied (at 3.1 s)",
-        "px4_bridge: ... 3 more in x.log",
-    ]
-    warnings = [("px4_bridge", line) for line in lines]
-    assert grouped(warnings, 100 * 10**9) == wanted
-    assert grouped(warnings, None)[0].endswith("no poses for 1.2 s (2 times)")
 
 
 def test_parameters_of_px4_go_to_the_bridge():

@@ -85,15 +85,6 @@ def test_the_keyboard_alone_pauses_steps_and_seeks(page):
     wait(opened, f"live.now > {before} + 0.9")
 
 
-def test_c_goes_to_the_contact(page):
-    opened, session = page
-    opened.keyboard.press("Space")
-    wait(opened, "live.paused")
-    opened.keyboard.press("c")
-    wait(opened, "live.now > 5.0")
-    assert session.source.now_s == pytest.approx(6.0 - 0.4, abs=0.1)
-
-
 def test_a_curve_is_picked_by_name_and_drawn(page):
     opened, _ = page
     opened.fill("#pick", "/mocap/pose.position.x")

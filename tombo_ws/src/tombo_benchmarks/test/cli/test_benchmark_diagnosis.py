@@ -34,7 +34,7 @@ def blind(monkeypatch):
     asked: list[Any] = []
     module = types.ModuleType("tombo_benchmarks.diagnosis.flight_evaluation")
 
-    def benchmark(cases, seed, workers, progress, stop, kept):
+    def benchmark(cases, seed, workers, progress, stop):
         asked.append((cases, seed, workers))
         progress("1 of 1 cases", 1.0)
         return Scored()
@@ -77,10 +77,7 @@ def test_figures_are_held_against_what_is_asked_for():
     ("arguments", "words"),
     [
         (("--cases", "0"), ("--cases 0", "1 to")),
-        (("--cases", "many"), ("--cases", "many", "whole number")),
-        (("--seed", "-1"), ("--seed -1",)),
-        (("--workers", "0"), ("--workers 0",)),
-        (("-o", "nowhere/b.json"), ("nowhere/b.json", "accepted")),
+        (("-o", "nowhere/b.json"), ("nowhere/b.json", "No such file")),
     ],
 )
 def test_a_benchmark_that_can_not_be_run_is_refused(refused, arguments, words):

@@ -18,9 +18,8 @@ ROW = {
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (("--nodes", "0.5"), "--nodes 0.5: out of bounds; accepted: 0, or 1 to 3600"),
+        (("--nodes", "0.5"), "--nodes 0.5: out of bounds; accepted: 1 to 3600"),
         (("--nodes", "nan"), "--nodes nan: out of bounds"),
-        (("--nodes", "x"), "accepted: 0, or 1 to 3600"),
     ],
 )
 def test_what_is_out_of_bounds_is_refused(refused, arguments, complaint):

@@ -9,7 +9,6 @@ import pytest
 
 from tombo_benchmarks.diagnosis import foreign_flights
 from tombo_benchmarks.diagnosis.foreign_flights import aggregate, answer_of, cases_in, examine
-from tombo_dynamics.errors import InputError
 
 MASS = {"mass_error.fraction": 0.1}
 
@@ -64,14 +63,3 @@ def test_flights_that_are_refused_are_withheld(tombo, cases):
     assert "2 cases of another simulator" in tombo(*words).out
     said = tombo(*words, "--json").json["aggregate"]
     assert (said["withheld"], said["stated"]) == (2, None)
-
-
-@pytest.mark.parametrize("text", ["[]", "{", '{"condition": "mass", "truth": {"a": "b"}}'])
-def test_a_truth_of_another_form_is_refused(cases, text):
-    (cases / "000_mass" / "truth.json").write_text(text)
-    with pytest.raises(InputError, match=r"truth.json.*accepted: \{"):
-        examine(cases_in(cases), 0, 0)
-
-
-def test_a_folder_without_cases_is_refused(refused, tmp_path):
-    refused(("benchmark", "foreign", str(tmp_path)), "no case", "accepted: a folder")

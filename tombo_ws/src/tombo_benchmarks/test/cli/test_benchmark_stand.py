@@ -14,14 +14,13 @@ from tombo_benchmarks.diagnosis.stand_evaluation import benchmark
 from tombo_benchmarks.diagnosis.unmodelled_effects import UNMODELLED_EFFECTS
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.stand.analyse import analyse
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 
 
 @pytest.mark.parametrize("place", ["/proc/x", "absent/x.json", "."])
 def test_a_benchmark_that_can_not_be_written_says_so_at_once(tmp_path, monkeypatch, place):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="can't be written"):
+    with pytest.raises(OSError):
         DrawnCases(cases=1, output=Path(place))
     assert not any(tmp_path.iterdir())
 

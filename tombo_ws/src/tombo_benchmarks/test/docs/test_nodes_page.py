@@ -5,15 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
-
 from tombo_bag.topics import TOPICS
 from tombo_benchmarks.docs.markdown import updated
-from tombo_benchmarks.docs.tables import every_node, read_nodes
-from tombo_dynamics.errors import InputError
-from tombo_flight.scenario import load_scenario
+from tombo_benchmarks.docs.tables import every_node
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
-from tombo_flight.suite.parameter_yaml import suite_parameters
 
 ROOT = Path(__file__).parents[5]
 PAGE = (ROOT / "docs" / "nodes.md").read_text()
@@ -39,24 +34,6 @@ def test_the_words_for_fault_and_loop_are_those_of_the_nodes():
     assert 'f"{self._name}: {loop}"' in health
     figures = re.findall(r'^            "(\w+)": ', (ros / "loop_statistics.py").read_text(), re.M)
     assert figures and all(f"`{name}`" in PAGE for name in figures)
-
-
-def test_every_parameter_is_one_that_its_node_has():
-    written = suite_parameters(load_scenario(), 0)
-    for node in read_nodes():
-        given = written[node.name]
-        sections = {name for name, value in given.items() if isinstance(value, dict)} - {"effects"}
-        assert sections <= set(node.sections)
-        assert set(given) - sections - {"effects"} <= set(node.parameters)
-        if node.name == "recorder":
-            assert {"output", "metadata_file"} <= set(node.parameters)
-        if "effects" in given:
-            assert node.name == "sim"
-
-
-def test_a_page_without_markers_is_refused():
-    with pytest.raises(InputError, match="<!-- nodes -->"):
-        updated("# Nodes\n", {"nodes": ""})
 
 
 def test_only_what_is_between_the_markers_changes():

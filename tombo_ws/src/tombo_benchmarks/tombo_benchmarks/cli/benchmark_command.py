@@ -26,7 +26,6 @@ from tombo_bringup.cli.options import (
 from tombo_dynamics.errors import InputError
 
 app = typer.Typer()
-_FEWEST_S, _MOST_S = 1.0, 3600.0
 
 
 @app.callback(invoke_without_command=True)
@@ -46,7 +45,7 @@ def diagnosis(drawn: DrawnCases) -> None:
     from tombo_benchmarks.cli.scores import FLIGHTS, score_table
     from tombo_benchmarks.diagnosis.flight_evaluation import benchmark
 
-    drawn.score_drawn("diagnosis", benchmark, 100, partial(score_table, FLIGHTS))
+    drawn.score_drawn(benchmark, 100, partial(score_table, FLIGHTS))
 
 
 def stand(drawn: DrawnCases) -> None:
@@ -59,7 +58,7 @@ def stand(drawn: DrawnCases) -> None:
     from tombo_benchmarks.cli.scores import STANDS, score_table
     from tombo_benchmarks.diagnosis.stand_evaluation import benchmark
 
-    drawn.score_drawn("stand", benchmark, 200, partial(score_table, STANDS))
+    drawn.score_drawn(benchmark, 200, partial(score_table, STANDS))
 
 
 @record
@@ -76,17 +75,15 @@ def foreign(given: _Foreign, scored: Scored) -> None:
     from tombo_benchmarks.diagnosis.foreign_flights import benchmark, cases_in, score_table
 
     cases = cases_in(given.folder)
-    name = f"foreign {given.folder.resolve()}"
-    scored.score(name, partial(benchmark, cases), len(cases), 0, score_table)
+    scored.score(partial(benchmark, cases), len(cases), 0, score_table)
 
 
 @record
 class _InFlight:
-    nodes: float = option(
+    nodes: float | None = option(
         "--nodes S",
         "Kill or stop each node in flight; look at S seconds behind.",
-        0.0,
-        accepted=f"0, or {_FEWEST_S:g} to {_MOST_S:g}",
+        bounds=(1.0, 3600.0),
     )
 
 
@@ -105,21 +102,17 @@ def faults(drawn: DrawnCases, in_flight: _InFlight) -> None:
     from tombo_benchmarks.faults.fault_flights import fly_faults
 
     nodes = in_flight.nodes
-    if nodes and not _FEWEST_S <= nodes <= _MOST_S:
-        accepted = f"0, or {_FEWEST_S:g} to {_MOST_S:g}"
-        raise InputError(f"--nodes {nodes:g}: out of bounds; accepted: {accepted}")
 
     def run(
-        cases: int, seed: int, workers: int, progress: Callable[..., Any],
-        stop: Callable[[], bool], kept: Any,
-    ) -> Any:  # fmt: skip
-        found = check_faults(cases, seed, workers, progress, stop, kept)
-        if not nodes or stop():
+        cases: int, seed: int, workers: int, progress: Callable[..., Any], stop: Callable[[], bool]
+    ) -> Any:
+        found = check_faults(cases, seed, workers, progress, stop)
+        if nodes is None or stop():
             return found
         flown = fly_faults(nodes, seed, progress, stop)
         return replace(found, aggregate={**found.aggregate, "nodes": flown})
 
-    drawn.score_drawn("faults", run, 1000, lambda found, cases: fault_lines(found))
+    drawn.score_drawn(run, 1000, lambda found, cases: fault_lines(found))
 
 
 @record
@@ -129,7 +122,6 @@ class _Mutations:
         "--healthy OLD",
         "Another flight of the vehicle: what has changed since is asked, too. Once for each.",
     )
-    way: str | None = option("--way NAME", "Ask in this way only: plain, vehicle or healthy.")
 
 
 def mutations(given: _Mutations, known: VehicleName, reading: LogMapping, shown: Shown) -> None:
@@ -149,7 +141,7 @@ def mutations(given: _Mutations, known: VehicleName, reading: LogMapping, shown:
     with progress_bar() as on_progress:
         flight, *others = read_logs([given.log, *(given.healthy or [])], mapping=reading.mapping)
         file = None if known.vehicle is None else read_vehicle(known.vehicle)
-        answers = ask_all(flight, Reference(file, others), given.way, on_progress)
+        answers = ask_all(flight, Reference(file, others), on_progress)
     show_page(mutation_page(flight.name, answers), shown.as_json)
 
 
@@ -167,21 +159,15 @@ def nodes(load: _Load, shown: Shown) -> None:
 
     An empty loop of 1 kHz, before and after the flight, shows how punctual the machine is.
     """
-    from tombo_benchmarks.cli.scores import loop_table
     from tombo_benchmarks.nodes.node_timing import fly_and_measure
-    from tombo_bringup.cli.tables import print_table
+    from tombo_bringup.cli.flight.node_tables import print_timing
 
     measured = fly_and_measure(load.seconds, load.busy, load.vehicles)
     if shown.as_json:
         print(json.dumps(measured, indent=1))
         return
-    print_table(loop_table(measured["loops"]))
-    latency, recorder = measured["latency_gyro_to_command_us"], measured["recorder"]
-    typer.echo(
-        f"Gyro to command, across processes: {latency['p50']} us, 99 % {latency['p99']} us\n"
-        f"Recorder: {recorder['messages']} messages, {recorder['lost']} lost\n"
-        f"Too slow: {'; '.join(measured['too_slow']) or 'no'}"
-    )
+    print_timing(measured)
+    typer.echo(f"Too slow: {'; '.join(measured['too_slow']) or 'no'}")
 
 
 @record
@@ -191,19 +177,18 @@ class _Real:
         "Folder with crazypad, crazyswarm2, air_garage, flights, nanobench_controllers; what is "
         "not there is left out. Default: shared/data beside the repository.",
     )
-    few: int | None = option("--few N", "At most N trials of each data set. Default: all.")
+    few: int | None = option(
+        "--few N", "At most N trials of each data set. Default: all.", bounds=(1, 1000)
+    )
 
 
 def real(given: _Real, scored: Scored) -> None:
     """Ask about real flights of known causes, and count right, wrong and withheld answers.
 
     Flights against healthy ones of the vehicle, single logs of mishaps, and healthy flights.
-    With -o the page is written, too: same name, ending .html. A run that is stopped goes on
-    with the same command.
+    With -o the page is written, too: same name, ending .html.
     """
     most, output = given.few, scored.output
-    if most is not None and most < 1:
-        raise InputError(f"--few {most}: out of bounds; accepted: 1 or more")
     if output is not None and output.suffix == ".html":
         raise InputError(
             f"-o '{output}': the page has that name; accepted: another ending, of JSON"
@@ -224,8 +209,7 @@ def real(given: _Real, scored: Scored) -> None:
             write_page(output.with_suffix(".html"), real_page(rows, result.aggregate))
         return result
 
-    name = "real" if most is None else f"real --few {most}"
-    scored.score(name, run, len(asked), 0, lambda found, cases: real_page(rows, found))
+    scored.score(run, len(asked), 0, lambda found, cases: real_page(rows, found))
 
 
 @record
@@ -262,7 +246,7 @@ def why(by: _Rotorpy, drawn: DrawnCases) -> None:
     from tombo_benchmarks.cli.scores import crash_table
     from tombo_benchmarks.why.crash_benchmark import benchmark
 
-    drawn.score_drawn("why", partial(benchmark, by.python()), 200, crash_table)
+    drawn.score_drawn(partial(benchmark, by.python()), 200, crash_table)
 
 
 BENCHMARKS: Final = (diagnosis, stand, foreign, faults, mutations, nodes, real, why)

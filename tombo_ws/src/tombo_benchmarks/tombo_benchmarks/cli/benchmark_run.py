@@ -10,7 +10,6 @@ from typing import Any, Final
 import typer
 
 from tombo_bringup.cli.options import Draw, Shown, Workers, option, record
-from tombo_bringup.cli.result_files import unwritable, write_file
 from tombo_flight.report.page import Page, Table
 
 EXIT_CODES: Final = (
@@ -30,14 +29,16 @@ class Scored(Workers, Shown):
         """Try the output, before hours of work.
 
         Raises:
-            InputError: it can't be written.
+            OSError: it can't be written: permissions alone do not tell (/proc, a full disk).
         """
         if self.output is not None:
-            _try_to_write(self.output)
+            there = self.output.exists()
+            self.output.open("ab").close()
+            if not there:
+                self.output.unlink()
 
     def score(
         self,
-        name: str,
         run: Callable[..., Any],
         cases: int,
         seed: int,
@@ -48,50 +49,40 @@ class Scored(Workers, Shown):
         Without a terminal each finished case is a line, if there is an output.
 
         Args:
-            name: of the benchmark.
-            run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
+            run: (cases, seed, workers, progress, stop) to a BenchmarkResult.
             cases: how many.
             seed: of all random draws.
             show: (aggregate, number of cases) to a table, a page or lines.
 
         Raises:
-            typer.Exit: stopped by a signal; with an output, `OUTPUT.part` keeps the scores so far.
-            InputError: the output can't be written any more.
+            typer.Exit: stopped by a signal; the score is that of the cases so far.
+            OSError: the output can't be written any more.
         """
-        from tombo_benchmarks.cli.journal import Journal
         from tombo_bringup.cli.progress import progress_bar
         from tombo_flight.json_text import as_json as to_json
+        from tombo_flight.process.output_folder import write_whole
         from tombo_flight.process.stop_signals import StopSignals
         from tombo_flight.process.workers import process_count
 
         workers = process_count(self.workers)
-        part = None if self.output is None else self.output.with_name(f"{self.output.name}.part")
-        kept = None if part is None else Journal(part, f"{name} --seed {seed}")
-        with StopSignals() as stop:
-            with progress_bar() as bar:
+        with StopSignals() as stop, progress_bar() as bar:
 
-                def on_progress(stage: str, share: float) -> None:
-                    bar(stage, share)
-                    if part is not None and not sys.stderr.isatty():
-                        typer.echo(stage, err=True)  # a run of hours in the background
+            def on_progress(stage: str, share: float) -> None:
+                bar(stage, share)
+                if self.output is not None and not sys.stderr.isatty():
+                    typer.echo(stage, err=True)  # a run of hours in the background
 
-                result = run(cases, seed, workers, on_progress, stop.asked, kept)
-            if stop.asked():
-                more = (
-                    f"; the same command goes on with '{part}'" if part and part.exists() else ""
-                )
-                typer.echo(f"Error: interrupted{more}", err=True)
-                raise typer.Exit(stop.exit_code)
+            result = run(cases, seed, workers, on_progress, stop.asked)
         text = to_json({"cases": result.cases, "aggregate": result.aggregate})
-        if self.output is not None and part is not None:
-            write_file(self.output, text)
-            part.unlink(missing_ok=True)
+        if self.output is not None:
+            write_whole(self.output, text)
         if self.as_json:
             typer.echo(text, nl=False)
-            return
-        _print(show(result.aggregate, len(result.cases)))
-        if self.output is not None:
-            typer.echo(f"Wrote {self.output}")
+        else:
+            _print(show(result.aggregate, len(result.cases)))
+        if stop.asked():
+            typer.echo(f"Error: interrupted after {len(result.cases)} cases", err=True)
+            raise typer.Exit(stop.exit_code)
 
 
 @record
@@ -106,14 +97,13 @@ class DrawnCases(Scored, Draw):
 
     def score_drawn(
         self,
-        name: str,
         run: Callable[..., Any],
         usual: int,
         show: Callable[[Mapping[str, Any], int], Table | Page | list[str]],
     ) -> None:
         """Do the same as `score`, with `usual` cases where no number is given."""
         cases = usual if self.cases is None else self.cases
-        self.score(name, run, cases, self.seed or 0, show)
+        self.score(run, cases, self.seed or 0, show)
 
 
 def _print(shown: Table | Page | list[str]) -> None:
@@ -125,15 +115,3 @@ def _print(shown: Table | Page | list[str]) -> None:
         show_page(shown, as_json=False)
     else:
         typer.echo("\n".join(shown))
-
-
-def _try_to_write(path: Path) -> None:
-    """Try it, before hours of work: permissions alone do not tell (/proc, a full disk)."""
-    there = path.exists()
-    try:
-        with path.open("ab"):
-            pass
-        if not there:
-            path.unlink()
-    except OSError as error:
-        raise unwritable(path, error) from error

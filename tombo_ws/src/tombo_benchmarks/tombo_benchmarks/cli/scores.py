@@ -111,22 +111,6 @@ def crash_table(found: Mapping[str, Any], cases: int) -> Table:
     return Table(head, rows, title=f"{cases} simulated crashes")
 
 
-def loop_table(loops: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return how late the loops of the nodes began their runs."""
-    from tombo_flight.suite.node_diagnostics import lateness_text
-
-    rows = [
-        (
-            name,
-            f"{loop['rate_hz']:.3f}",
-            *(lateness_text(loop[f"jitter_{share}_us"]) for share in ("p50", "p99")),
-            str(loop["missed"]),
-        )
-        for name, loop in loops.items()
-    ]
-    return Table(("loop", "rate [Hz]", "late, median", "late, 99 %", "missed"), rows)
-
-
 def fault_lines(found: Mapping[str, Any]) -> list[str]:
     """Return the lines about sequences of faults, and about nodes that fail in flight."""
     lines = [

@@ -8,8 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
 from tombo_benchmarks.diagnosis.evaluation import (
     answer_row,
     case_row,
@@ -17,18 +15,12 @@ from tombo_benchmarks.diagnosis.evaluation import (
     exactly_right,
 )
 from tombo_benchmarks.diagnosis.flight_cases import NOMINAL_MODEL, FlightCase, make_case
-from tombo_benchmarks.diagnosis.flight_simulation import fly_case, true_draws
+from tombo_benchmarks.diagnosis.flight_simulation import fly_case
 from tombo_benchmarks.diagnosis.runner import run_benchmark
 from tombo_benchmarks.diagnosis.score import score_of_flights
 from tombo_diagnosis.flight.analyse import FlightAnalysis
 from tombo_diagnosis.flight.causes import estimate_cause
-from tombo_diagnosis.flight.cross_validation import (
-    final_explanation,
-    fit_without_flight,
-    with_parts,
-)
 from tombo_diagnosis.flight.diagnose import diagnose_unchecked
-from tombo_diagnosis.flight.fit.prediction import residuals
 from tombo_dynamics.errors import InputError
 from tombo_logs.readers.log_reader import read_logs
 
@@ -58,7 +50,6 @@ def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
     }
     if exactly_right(case, findings):
         row["parameters"] = {e: _compared(case, findings, e) for e in case.hidden}
-        row["gain_share"] = _gain_share(case, findings)
     return row
 
 
@@ -72,28 +63,6 @@ def _compared(case: FlightCase, findings: FlightAnalysis, effect: str) -> dict[s
     return compare_parameters(
         case, findings.problem, cause, lambda p, nominal: float(made.get(p.name, nominal))
     )
-
-
-def _gain_share(case: FlightCase, findings: FlightAnalysis) -> float | None:
-    """Return the gain of the extension over that of the true model, in held-out flights."""
-    problem = findings.problem
-    final = final_explanation(findings)
-    if not final.hypotheses:
-        return None
-    tried = with_parts(problem, final)
-    theta = problem.theta.copy()
-    for p in NOMINAL_MODEL.parameters:
-        theta[p.index] += case.shift.get(p.label, 0.0)
-    draws = true_draws(case) if "thrust_scatter" in case.hidden else np.zeros(8)
-    removed = possible = 0.0
-    for f, track in enumerate(problem.tracks):
-        held = fit_without_flight(problem, f, tried)
-        true = residuals(track, problem.nominal, theta, draws=draws)
-        for group, before in problem.linears[f].residual.items():
-            weight = 1.0 / problem.variances[f][group]
-            removed += float(weight @ np.sum(before**2 - held.after.residual[group] ** 2, axis=0))
-            possible += float(weight @ np.sum(before**2 - true[group] ** 2, axis=0))
-    return removed / possible if possible > 25.0 else None
 
 
 benchmark = partial(run_benchmark, examine, score_of_flights)

@@ -27,7 +27,7 @@ class LogFault:
     name: str
     channels: tuple[str, ...]
     """Channels that it changes."""
-    sizes: tuple[Any, ...]
+    size: Any
     change: Change
     """(series, size, generator) to the series of the faulty log; the generator starts the same for
     each channel."""
@@ -36,10 +36,10 @@ class LogFault:
     effects: frozenset[str] = frozenset()
     """Effects of the registry that describe it: to name one of them is right, too."""
 
-    def applied(self, log: Flight, size: int, seed: Sequence[int]) -> Flight:
-        """Return the log with this fault; `size` counts `sizes` from 0."""
+    def applied(self, log: Flight, seed: Sequence[int]) -> Flight:
+        """Return the log with this fault."""
         changed = {
-            name: self.change(log.series[name], self.sizes[size], np.random.default_rng(seed))
+            name: self.change(log.series[name], self.size, np.random.default_rng(seed))
             for name in self.channels
             if name in log.series
         }
@@ -84,9 +84,9 @@ def frozen(series: Series, seconds: float, rng: np.random.Generator) -> Series:
     return replace(series, values=series.values[rows])
 
 
-def columns_of(*ways: tuple[Sequence[int], Sequence[float]]) -> tuple[Any, ...]:
-    """Return sizes for `MIXED`: the order of the columns, and their signs."""
-    return tuple((list(order), np.array(signs)) for order, signs in ways)
+def columns(order: Sequence[int], signs: Sequence[float]) -> tuple[list[int], Array]:
+    """Return the size of a fault `MIXED`: the order of the columns, and their signs."""
+    return list(order), np.array(signs)
 
 
 def _mixed(values: Array, way: tuple[list[int], Array]) -> Array:
@@ -94,12 +94,12 @@ def _mixed(values: Array, way: tuple[list[int], Array]) -> Array:
 
 
 def log_fault(
-    name: str, channels: Sequence[str], sizes: tuple[Any, ...], change: Change, checks: str,
+    name: str, channels: Sequence[str], size: Any, change: Change, checks: str,
     effects: str = "",
 ) -> LogFault:  # fmt: skip
     """Return a kind of fault; names of checks and effects are parted by spaces."""
     return LogFault(
-        name, tuple(channels), sizes, change, frozenset(checks.split()),
+        name, tuple(channels), size, change, frozenset(checks.split()),
         frozenset(effects.split()),
     )  # fmt: skip
 

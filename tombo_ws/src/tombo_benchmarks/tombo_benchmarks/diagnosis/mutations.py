@@ -21,7 +21,7 @@ from tombo_benchmarks.diagnosis.log_faults import (
     ROTORS,
     SCALED,
     LogFault,
-    columns_of,
+    columns,
     frozen,
     log_fault,
     of_stamps,
@@ -30,7 +30,6 @@ from tombo_benchmarks.diagnosis.log_faults import (
 from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
-from tombo_diagnosis.wording import listed
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
@@ -58,65 +57,65 @@ _LATE = of_stamps(lambda t, seconds: t + seconds)
 
 MUTATIONS: tuple[LogFault, ...] = (
     log_fault(
-        "position: x and y swapped", POSE[:1], columns_of(([1, 0, 2], [1])), MIXED, "frame refused"
+        "position: x and y swapped", POSE[:1], columns([1, 0, 2], [1]), MIXED, "frame refused"
     ),
     log_fault(
-        "position: y reversed", POSE[:1], columns_of(([0, 1, 2], [1, -1, 1])), MIXED,
+        "position: y reversed", POSE[:1], columns([0, 1, 2], [1, -1, 1]), MIXED,
         "frame refused",
     ),
     log_fault(
-        "position: x scaled by 1.3", POSE[:1], (np.array([1.3, 1.0, 1.0]),), SCALED, "scale unit"
+        "position: x scaled by 1.3", POSE[:1], np.array([1.3, 1.0, 1.0]), SCALED, "scale unit"
     ),
-    log_fault("position: m as mm", POSE[:1], (1000.0,), SCALED, "unit refused"),
+    log_fault("position: m as mm", POSE[:1], 1000.0, SCALED, "unit refused"),
     log_fault(
-        "attitude: body yawed by 20 deg", POSE[1:], (20.0,), of_values(_yawed), "frame",
+        "attitude: body yawed by 20 deg", POSE[1:], 20.0, of_values(_yawed), "frame",
         "mocap_body_misalignment imu_misalignment",
     ),
-    log_fault("gyro: x and y swapped", IMU[:1], columns_of(([1, 0, 2], [1])), MIXED, "frame"),
+    log_fault("gyro: x and y swapped", IMU[:1], columns([1, 0, 2], [1]), MIXED, "frame"),
     log_fault(
-        "gyro: y reversed", IMU[:1], columns_of(([0, 1, 2], [1, -1, 1])), MIXED, "frame"
+        "gyro: y reversed", IMU[:1], columns([0, 1, 2], [1, -1, 1]), MIXED, "frame"
     ),
     log_fault(
-        "gyro: x scaled by 1.5", IMU[:1], (np.array([1.5, 1.0, 1.0]),), SCALED, "scale unit"
+        "gyro: x scaled by 1.5", IMU[:1], np.array([1.5, 1.0, 1.0]), SCALED, "scale unit"
     ),
     log_fault(
-        "gyro: y with an offset of 0.3 rad/s", IMU[:1], (np.array([0.0, 0.3, 0.0]),), _PLUS,
+        "gyro: y with an offset of 0.3 rad/s", IMU[:1], np.array([0.0, 0.3, 0.0]), _PLUS,
         "offset", "imu_bias",
     ),
-    log_fault("gyro: rad/s as deg/s", IMU[:1], (np.degrees(1.0),), SCALED, "unit"),
+    log_fault("gyro: rad/s as deg/s", IMU[:1], np.degrees(1.0), SCALED, "unit"),
     log_fault(
-        "accel: x and z swapped", IMU[1:], columns_of(([2, 1, 0], [1])), MIXED, "frame"
+        "accel: x and z swapped", IMU[1:], columns([2, 1, 0], [1]), MIXED, "frame"
     ),
     log_fault(
-        "accel: x reversed", IMU[1:], columns_of(([0, 1, 2], [-1, 1, 1])), MIXED, "frame"
+        "accel: x reversed", IMU[1:], columns([0, 1, 2], [-1, 1, 1]), MIXED, "frame"
     ),
     log_fault(
-        "accel: z scaled by 1.15", IMU[1:], (np.array([1.0, 1.0, 1.15]),), SCALED,
+        "accel: z scaled by 1.15", IMU[1:], np.array([1.0, 1.0, 1.15]), SCALED,
         "scale unit offset", "accel_scale imu_bias",
     ),
     log_fault(
-        "accel: x with an offset of 1 m/s^2", IMU[1:], (np.array([1.0, 0.0, 0.0]),), _PLUS,
+        "accel: x with an offset of 1 m/s^2", IMU[1:], np.array([1.0, 0.0, 0.0]), _PLUS,
         "offset", "imu_bias imu_misalignment mocap_body_misalignment",
     ),
-    log_fault("accel: m/s^2 as g", IMU[1:], (GRAVITY,), SCALED, "unit"),
+    log_fault("accel: m/s^2 as g", IMU[1:], GRAVITY, SCALED, "unit"),
     log_fault(
-        "motors: two swapped", ROTORS, columns_of(([1, 0, 2, 3], [1])), MIXED, "rpm"
+        "motors: two swapped", ROTORS, columns([1, 0, 2, 3], [1]), MIXED, "rpm"
     ),
     log_fault(
-        "motors: one command scaled by 0.8", ROTORS, (np.array([1.0, 0.8, 1.0, 1.0]),), SCALED,
+        "motors: one command scaled by 0.8", ROTORS, np.array([1.0, 0.8, 1.0, 1.0]), SCALED,
         "rpm scale", _ONE_ROTOR,
     ),
-    log_fault("motors: all commands scaled by 0.8", ROTORS, (0.8,), SCALED, "scale", _LIGHTER),
-    log_fault("motors: late by 0.15 s", ROTORS, (0.15,), _LATE, "stamps", "command_delay"),
+    log_fault("motors: all commands scaled by 0.8", ROTORS, 0.8, SCALED, "scale", _LIGHTER),
+    log_fault("motors: late by 0.15 s", ROTORS, 0.15, _LATE, "stamps", "command_delay"),
     log_fault(
-        "IMU: late by 60 ms", IMU, (0.06,), _LATE, "stamps", "mocap_stamp_error mocap_latency"
+        "IMU: late by 60 ms", IMU, 0.06, _LATE, "stamps", "mocap_stamp_error mocap_latency"
     ),
-    log_fault("poses: frozen for 1 s", POSE, (1.0,), frozen, "frozen"),
+    log_fault("poses: frozen for 1 s", POSE, 1.0, frozen, "frozen"),
     log_fault(
-        "poses: a fifth of the samples dropped", POSE, (0.2,), _dropped, "gap", "mocap_dropouts"
+        "poses: a fifth of the samples dropped", POSE, 0.2, _dropped, "gap", "mocap_dropouts"
     ),
 )  # fmt: skip
-"""Each has one size. One log can't show that all commands are scaled: no other channel in it says
+"""One log can't show that all commands are scaled: no other channel in it says
 which thrust a command gives."""
 
 
@@ -145,10 +144,7 @@ Way = Callable[[Flight, Reference], Diagnosis]
 
 
 def ask_all(
-    log: Flight,
-    reference: Reference,
-    only: str | None = None,
-    progress: ProgressCallback = no_progress,
+    log: Flight, reference: Reference, progress: ProgressCallback = no_progress
 ) -> list[Answer]:
     """Return the answers about a log (as read) with each mutation, in each way that can be asked.
 
@@ -157,26 +153,16 @@ def ask_all(
     Args:
         log: a sound one.
         reference: vehicle and flights to compare with.
-        only: the way that is asked; None: all.
         progress: called with the mutation and the share done.
-
-    Raises:
-        InputError: there is no such way, or nothing to ask against in it.
     """
     ways = [way for way in WAYS if reference.vehicle is not None or way != "vehicle"]
     ways = [way for way in ways if reference.healthy or way != "healthy"]
-    if only is not None and only not in ways:
-        raise InputError(
-            f"--way '{only}'; accepted: {listed(ways, 'or')} (vehicle and healthy need --vehicle "
-            "FILE and --healthy OLD)"
-        )
-    ways = [way for way in ways if only in (None, way)]
     answers = []
     for i, way in enumerate(ways):
         sound = _answers_about(WAYS[way](log, reference), log.name)
         for k, mutation in enumerate(MUTATIONS):
             progress(f"{way}: {mutation.name}", (i + k / len(MUTATIONS)) / len(ways))
-            damaged = mutation.applied(log, 0, (SEED, k))
+            damaged = mutation.applied(log, (SEED, k))
             answers.append(_answer(mutation, way, damaged, reference, sound))
     return answers
 

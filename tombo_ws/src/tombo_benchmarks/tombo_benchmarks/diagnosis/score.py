@@ -84,9 +84,6 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         result[f"parameter_error{suffix}_median"] = _of(np.median, own_errors)
         result[f"parameter_error{suffix}_p90"] = _of(np.quantile, own_errors, 0.9)
     result["coverage_95"] = _of(np.mean, [c for _, v in errors for c in v["covered"]])
-    shares = [r["gain_share"] for r in rows if r.get("gain_share") is not None]
-    result["gain_share_median"] = _of(np.median, shares)
-    result["gain_share_p10"] = _of(np.quantile, shares, 0.1)
     result["seconds_per_case"] = _of(np.mean, [r["seconds"] for r in rows if "seconds" in r])
     result["calibration"] = _calibration(rows)
     return result

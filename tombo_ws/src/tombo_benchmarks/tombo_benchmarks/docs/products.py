@@ -301,7 +301,7 @@ PRODUCTS: Final = {
     "tables": Product(
         (
             *("docs/effects.md", "docs/nodes.md#nodes", "docs/nodes.md#topics"),
-            *("docs/px4.md#px4_nodes", f"{CONFIG}/all_parameters.yaml", f"{CONFIG}/suite.yaml"),
+            *(f"{CONFIG}/all_parameters.yaml", f"{CONFIG}/suite.yaml"),
             *("docs/safety.md#states", "docs/safety.md#transitions", "docs/faults.md#faults"),
             *("docs/architecture.md#wiring", "docs/first_real_flight.md#first_flight"),
         ),

@@ -7,11 +7,10 @@ never imported.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Protocol
 
 from tombo_bag import topics
 from tombo_bag.qos import Qos
@@ -38,8 +37,6 @@ class NodeFacts:
         name: of the node.
         package: it is in.
         rate_hz: of its loop.
-        sections: of the scenario that are its parameters.
-        parameters: further ones, name → meaning.
         publishes: names of the topics it publishes.
         subscribes: names of the topics it takes.
     """
@@ -47,21 +44,13 @@ class NodeFacts:
     name: str
     package: str
     rate_hz: float
-    sections: tuple[str, ...]
-    parameters: Mapping[str, str]
     publishes: frozenset[str]
     subscribes: frozenset[str]
 
 
 CORE_NODE = "tombo_ros.core_node"
-IN_PLACE_OF_SIM = {
-    "px4_sim_node": "tombo_px4.px4_sim_node",
-    "hil_sim_node": "tombo_px4.hil_sim_node",
-}
-"""Executables whose node is `sim` too."""
 PAGES = {
     "nodes.md": ("nodes", "topics"),
-    "px4.md": ("px4_nodes",),
     "safety.md": ("states", "transitions"),
     "faults.md": ("faults",),
     "first_real_flight.md": ("first_flight",),
@@ -81,47 +70,22 @@ def every_node() -> list[NodeFacts]:
 
 
 def _facts(name: str, module: str) -> NodeFacts:
-    tree = _source(module)
+    """Return the facts of a node: of its core, if it hosts one, and what its source adds."""
+    tree, package = _source(module), module.partition(".")[0]
+    published, subscribed = (_topic_names(tree, method) for method in ("advertise", "subscribe"))
     for core in CORES:
         if core.name == name:
-            return _core_facts(core, module.partition(".")[0], tree)
+            rates = [
+                float(ast.literal_eval(keyword.value))
+                for keyword in ast.walk(tree)
+                if isinstance(keyword, ast.keyword) and keyword.arg == "rate_hz"
+            ]
+            rate_hz = rates[0] if rates else 1e9 / core.period_ns
+            return NodeFacts(
+                name, package, rate_hz, published | {*core.outputs}, frozenset(core.inputs)
+            )
     begin = next(call for call in _calls(tree, "__init__") if len(call.args) > 1)
-    records = begin.args[2] if len(begin.args) > 2 else ast.Dict([], [])
-    keys = [*_resolved(tree, records).keys]
-    for call in _calls(tree, "__init__"):
-        if len(call.args) == 1 and isinstance(call.args[0], ast.Dict):  # more for a base class
-            keys += call.args[0].keys
-    return NodeFacts(
-        name,
-        module.partition(".")[0],
-        float(_value(tree, begin.args[1])),
-        tuple(_value(tree, key) for key in keys if key is not None),
-        {
-            _value(tree, call.args[0]): _value(tree, call.args[2])
-            for call in _calls(tree, "declare")
-            if isinstance(call.args[0], ast.Constant)
-        },
-        frozenset(_topic_names(tree, "advertise")),
-        frozenset(_topic_names(tree, "subscribe")),
-    )
-
-
-def _core_facts(core: type[Core], package: str, tree: ast.Module) -> NodeFacts:
-    """Return the facts of a node that hosts a core: the core's, and what its source adds."""
-    rates = [
-        float(ast.literal_eval(keyword.value))
-        for keyword in ast.walk(tree)
-        if isinstance(keyword, ast.keyword) and keyword.arg == "rate_hz"
-    ]
-    return NodeFacts(
-        core.name,
-        package,
-        rates[0] if rates else 1e9 / core.period_ns,
-        tuple(core.sections),
-        {name: doc for name, (_, doc) in core.options.items()},
-        frozenset((*core.outputs, *_topic_names(tree, "advertise"))),
-        frozenset(core.inputs),
-    )
+    return NodeFacts(name, package, float(_value(tree, begin.args[1])), published, subscribed)
 
 
 def _source(module: str) -> ast.Module:
@@ -159,46 +123,27 @@ def _calls(tree: ast.AST, method: str) -> list[ast.Call]:
     return found
 
 
-def _topic_names(tree: ast.AST, method: str) -> Iterator[str]:
-    for call in _calls(tree, method):
-        spec = getattr(topics, ast.unparse(call.args[0]), None)
-        if isinstance(spec, TopicSpec):
-            yield spec.name
-
-
-def _resolved(tree: ast.AST, value: ast.expr) -> ast.Dict:
-    """Return a dict display; a name is looked up."""
-    if isinstance(value, ast.Name):
-        value = _assigned(tree, value.id)
-    if not isinstance(value, ast.Dict):
-        raise InputError(f"records {ast.unparse(value)}; accepted: a dict written out")
-    return value
-
-
-def _assigned(tree: ast.AST, name: str) -> ast.expr:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Assign) and name in map(ast.unparse, node.targets):
-            return node.value
-    raise InputError(f"name {name} has no value in this file; accepted: one that has")
+def _topic_names(tree: ast.AST, method: str) -> frozenset[str]:
+    """Return the topics that a method is called with."""
+    specs = (getattr(topics, ast.unparse(call.args[0]), None) for call in _calls(tree, method))
+    return frozenset(spec.name for spec in specs if isinstance(spec, TopicSpec))
 
 
 def _value(tree: ast.AST, value: ast.expr) -> str:
     """Return a constant's text; a name is looked up."""
     if isinstance(value, ast.Name):
-        value = _assigned(tree, value.id)
+        value = next(
+            node.value
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Assign) and value.id in map(ast.unparse, node.targets)
+        )
     return str(ast.literal_eval(value))
 
 
 def node_table(nodes: list[NodeFacts]) -> str:
     """Return the table of nodes as Markdown."""
-    rows = []
-    for node in nodes:
-        sections = ", ".join(f"`{section}.*`" for section in node.sections)
-        if "obstacle" in node.sections:
-            sections += ", `effects.*`"
-        own = ", ".join(f"`{name}`" for name in node.parameters)
-        rows.append((f"`{node.name}`", f"`{node.package}`", f"{node.rate_hz:g} Hz", sections, own))
-    return table_markdown(("node", "package", "loop", "sections of parameters", "its own"), rows)
+    rows = [(f"`{n.name}`", f"`{n.package}`", f"{n.rate_hz:g} Hz") for n in nodes]
+    return table_markdown(("node", "package", "loop"), rows)
 
 
 def topic_table(nodes: list[NodeFacts]) -> str:
@@ -240,7 +185,6 @@ def tables(page: str = "nodes.md") -> dict[str, str]:
     found = {
         "nodes": node_table(nodes),
         "topics": topic_table(nodes),
-        "px4_nodes": node_table(read_nodes(IN_PLACE_OF_SIM)),
         "first_flight": table_markdown(("step", "you", "machine", "if it fails"), printed_steps()),
         **safety_tables(),
     }
@@ -347,18 +291,7 @@ def claims_markdown(r: Reproduction) -> str:
 SIM = "sim"
 
 
-class CoreType(Protocol):
-    """The attributes of a core in the picture."""
-
-    name: str
-    inputs: tuple[str, ...]
-
-    @property
-    def outputs(self) -> Iterable[str]:
-        """Topics that it publishes."""
-
-
-def wiring_mermaid(cores: Sequence[CoreType], sensors: Iterable[str], command: str) -> str:
+def wiring_mermaid(cores: Sequence[type[Core]], sensors: Iterable[str], command: str) -> str:
     """Return the flow chart: an arrow from each publisher to each subscriber, with its topics.
 
     Args:

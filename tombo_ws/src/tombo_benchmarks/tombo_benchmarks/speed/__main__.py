@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from rich.console import Console
-
 from tombo_benchmarks.speed.speed_measurements import measure
-from tombo_bringup.cli.tables import console, print_table
+from tombo_bringup.cli.tables import print_table
 from tombo_flight.report.page import Table
 
 _ROWS: Final = (
@@ -42,11 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m tombo_benchmarks.speed", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print JSON only")
     chosen = parser.parse_args(arguments)
-    waiting = Console(stderr=True)
-    with waiting.status("measuring") as status:
-        figures = measure(lambda text: status.update(f"measuring: {text}"))
+    figures = measure(lambda text: print(f"measuring: {text}", file=sys.stderr))
     if chosen.json:
-        console().out(json.dumps(figures, indent=1), highlight=False)
+        print(json.dumps(figures, indent=1))
     else:
         print_table(speed_table(figures))
 

@@ -26,14 +26,6 @@ def test_different_recordings_exit_with_1_and_a_table(tombo):
     assert "1 of 1 topics differ." in words
 
 
-def test_json_is_a_list_with_an_object_per_topic(tombo):
-    result = tombo("compare", ONE, OTHER, "--topic", "/mocap/pose", "--json")
-    (topic,) = result.json
-    assert result.code == 1
-    assert topic["topic"] == "/mocap/pose" and topic["equal"] is False
-    assert topic["first_difference_s"] == 0.0 and topic["fields"][0]["largest"] > 0.0
-
-
 @pytest.mark.slow
 def test_json_is_written_and_other_files_stay(tombo, tmp_path):
     (tmp_path / "out").mkdir()

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from diagnosis_samples import EXPERIMENT, sample
+from diagnosis_samples import sample
 
 from tombo_bringup.cli import diagnose_command
 from tombo_diagnosis.diagnosis import VERDICTS, diagnosis_mapping
@@ -64,13 +64,6 @@ def test_cause_gain_faults_and_files_are_told(tombo, found, tmp_path):
     assert "stamps repeat" not in out  # an info is for the report
     folder = tmp_path / "runs" / "diagnosis-lab_flights"
     assert {"report.html", "diagnosis.json", "model.yaml"} <= names(folder)
-
-
-def test_a_set_says_what_separates_it(tombo, found, tmp_path):
-    found["diagnosis"] = sample("set", flights=1, seconds=10.0)
-    out = tombo("diagnose", "a.csv", "-o", "d", "--no-report").out
-    assert EXPERIMENT.text in out
-    assert names(tmp_path / "d") == {"diagnosis.json"}
 
 
 def test_json_is_that_alone_and_writes_nothing_unless_asked(tombo, found, tmp_path):

@@ -62,20 +62,9 @@ def test_summary_report_and_recording_name_the_model(tombo, model):
     assert tombo("fly", *SHORT, "-o", "b", "--json").json["model"] is None
 
 
-def test_what_is_set_wins_over_the_model_and_the_model_over_the_scenario(model, tmp_path):
-    path = tmp_path / "own.yaml"
-    path.write_text("extends: hover\neffects: {steady_wind: {east: 9, north: 9}}")
-    scenario = load_scenario(str(path), model=str(tmp_path / model))
-    assert scenario.effects["steady_wind"] == {"east": 2.0, "north": -1.0}
-    settings = ["effects.steady_wind.east=5"]
-    scenario = load_scenario(str(path), settings, str(tmp_path / model))
-    assert scenario.effects["steady_wind"] == {"east": 5.0, "north": -1.0}
-    assert scenario.effects["ground_effect"] == load_scenario("hover").effects["ground_effect"]
-
-
 def test_a_model_is_not_laid_over_reality(refused, model):
     arguments = ("fly", "hover", "--model", model, "--px4", "udpin://127.0.0.1:1", "--yes")
-    refused(arguments, "--model windy.yaml: accepted: without --px4 URL")
+    refused(arguments, "--model: accepted: without --px4 URL")
 
 
 def test_a_scenario_file_can_t_claim_a_model(tmp_path):

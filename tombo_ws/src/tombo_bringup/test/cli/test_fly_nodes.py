@@ -128,28 +128,11 @@ def test_loops_and_latency_are_the_last_that_each_node_told(bag):
     assert found["latency_gyro_to_command_us"] == {"p50": 410.0, "p99": 870.5}
 
 
-def test_in_lockstep_there_are_no_figures_of_loops(tmp_path, capsys):
-    path = tmp_path / "flight.mcap"
-    told = report({"sim": {}, "sim: loop": {**loop(0.0, 0), "runs": 0}})
-    with McapSink(path) as sink:
-        channel = sink.add_channel("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-        sink.write_columns(Columns(channel, np.array([SECOND_NS]), [told]))
-    with Recording(path) as recording:
-        assert node_metrics(recording)["loops"] == {}
-
-
-def test_the_recorder_is_judged_by_what_it_loses():
-    late = {"rate_hz": 200.0, "jitter_p99_us": 9e3, "runs": 1000, "missed": 30}
-    assert too_slow({"recorder": late}, "0") == []
-    assert too_slow({"sim": late}, "0") != []
-
-
 @pytest.mark.parametrize(
     ("change", "lost", "said"),
     [
         ({}, "0", "The machine kept pace"),
         ({"jitter_p99_us": 1200.0}, "0", "too slow for these figures: rate 1200 us late at 99 % "),
-        ({"jitter_p99_us": 20e3}, "0", "rate > 20 ms late at 99 % (period 1 ms)."),
         ({"rate_hz": 980.0, "missed": 20}, "0", "rate missed 2.0 % of its runs."),
         ({}, "12", "too slow for these figures: 12 messages lost in the recording."),
     ],
@@ -211,13 +194,6 @@ def test_ctrl_c_before_anything_is_recorded_leaves_nothing(fly, tmp_path):
 def state(t_s: float, height_m: float, phase: int | None) -> dict[str, Any]:
     stamp_ns = 1_790_000_000 * SECOND_NS + round(t_s * SECOND_NS)
     return {"stamp_ns": stamp_ns, "height_m": height_m, "upright": 1.0, "phase": phase}
-
-
-def test_time_begins_with_the_missions_first_word():
-    found = FlightMonitor(load_scenario("hover"))
-    for t_s, phase, flown_s in ((0.0, None, 0.0), (4.0, None, 4.0), (5.0, 0, 0.0), (7.0, 1, 2.0)):
-        found.see(state(t_s, 0.18, phase))
-        assert found.flown_s == pytest.approx(flown_s)
 
 
 IDLE = (0.0, 0.18, 0)

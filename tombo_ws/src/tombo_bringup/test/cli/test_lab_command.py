@@ -68,11 +68,6 @@ def test_the_motion_capture_is_that_of_the_lab_unless_another_is_named(tmp_path)
     assert [other[name] for name in names[:4]] == ["mock", None, "lab_1", "z_up"]
 
 
-def test_a_vehicle_file_is_beside_the_lab_file(tmp_path):
-    lab = read_lab(lab_file(tmp_path, vehicle="mine.yaml"))
-    assert lab.vehicle == str(tmp_path / "mine.yaml")
-
-
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -93,7 +88,7 @@ def test_a_mistake_in_the_file_is_named(tmp_path, changes, said):
 def test_a_file_that_is_written_lacks_nothing_and_flies(tombo, tmp_path):
     assert tombo("lab", "new", "lab.yaml", "--set", "mocap.host=10.0.0.2").code == 0
     assert tombo("lab", "check", "lab.yaml").code == 0
-    line = ("fly", "hover", "--lab", "lab.yaml", "-o", "flown", "--no-record")
+    line = ("fly", "hover", "--lab", "lab.yaml", "-o", "flown")
     assert tombo(*line, "--set", "volume.x_max=1.9").code == 0
     volume = yaml.safe_load((tmp_path / "flown/scenario.yaml").read_text())["volume"]
     assert (volume["x_min"], volume["x_max"]) == (-2.0, 1.9)
@@ -108,13 +103,6 @@ def test_what_a_lab_lacks_is_said(tombo, tmp_path):
     assert "system, host, body" in lacks["motion capture"]
     assert "safe and mocap" in lacks["PX4 parameters"]
     assert "px4.url" in lacks["PX4"]
-
-
-def test_a_volume_is_not_called_right_where_the_scenario_is_refused(tombo, tmp_path):
-    lab_file(tmp_path, vehicle="nowhere.yaml")
-    result = tombo("lab", "check", "lab.yaml", "--json")
-    lacks = {item["name"]: item["lacks"] for item in result.json}
-    assert "nowhere.yaml" in lacks["scenario"] and lacks["volume"]
 
 
 def test_the_environment_names_the_file_for_commands_that_take_one(tombo, tmp_path, monkeypatch):

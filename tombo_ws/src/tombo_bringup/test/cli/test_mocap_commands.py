@@ -40,15 +40,6 @@ def test_figures_are_printed(tombo, tmp_path):
     assert "100 Hz" in tombo("check", "mocap", log).out
 
 
-def test_a_folder_of_several_logs_is_refused(tombo, tmp_path):
-    (tmp_path / "logs").mkdir()
-    for number in (1, 2):
-        _write(tmp_path / "logs" / f"{number}.csv", lambda t, n=number: n * _carried(t))
-    result = tombo("check", "mocap", "logs")
-    assert result.code == 2
-    assert "holds 2 logs; accepted: one" in result.err
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [

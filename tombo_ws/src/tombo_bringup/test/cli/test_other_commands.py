@@ -42,16 +42,6 @@ def test_effects_are_those_of_the_registry(tombo):
     assert "-15 to 15" in text
 
 
-@pytest.mark.parametrize("what", ["effects", "reactions"])
-def test_each_parameter_is_one_line_in_a_pipe(tombo, what):
-    parameters = [p for entry in tombo("list", what, "--json").json for p in entry["parameters"]]
-
-    lines = [line.strip() for line in tombo("list", what).out.splitlines()]
-
-    for p in parameters:
-        assert any(line.startswith(f"{p['name']} ") and line.endswith(p["doc"]) for line in lines)
-
-
 def test_a_reaction_in_the_list_can_be_flown_as_the_list_says(tombo):
     entries = tombo("list", "reactions", "--json").json
     assert {entry["name"] for entry in entries} == set(REACTIONS)
@@ -84,12 +74,6 @@ def test_help(tombo, arguments):
     assert result.err == ""
 
 
-@pytest.mark.parametrize("group", ["check", "lab", "vehicle"])
-def test_a_group_without_a_command_says_what_there_is(tombo, group):
-    result = tombo(group)
-    assert "Usage: tombo" in result.out and result.err == ""
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments", [["--help"], ["list", "scenarios"], ["--version"], ["fly", "-h"], ["sweep", "-h"]]
@@ -106,18 +90,6 @@ def test_what_only_lists_loads_no_model(arguments):
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
-
-
-def test_the_shell_completes_commands(monkeypatch, capfd):
-    from tombo_bringup.cli.main import run
-
-    monkeypatch.setenv("_TOMBO_COMPLETE", "complete_bash")
-    monkeypatch.setenv("COMP_WORDS", "tombo swee")
-    monkeypatch.setenv("COMP_CWORD", "1")
-    with pytest.raises(SystemExit) as end:
-        run([])
-    assert end.value.code == 0
-    assert capfd.readouterr().out.split() == ["sweep"]
 
 
 @pytest.mark.slow

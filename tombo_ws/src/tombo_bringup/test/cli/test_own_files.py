@@ -69,13 +69,13 @@ def mine(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_an_own_reaction_flies_and_its_scenario_says_how_to_fly_it_again(tombo, mine, tmp_path):
-    words = ("fly", "--import", mine, "--reaction", "mine", *SHORT, "--no-record")
+    words = ("fly", "--import", mine, "--reaction", "mine", *SHORT)
     first = tombo(*words, "-o", "one")
     assert first.code == 0, first.err
     head = (tmp_path / "one" / "scenario.yaml").read_text().split("\n")[0]
     again = shlex.split(head.partition("again: ")[2])
     again[again.index("scenario.yaml")] = "one/scenario.yaml"
-    assert tombo(*again[1:], "--no-record", "-o", "two").code == 0
+    assert tombo(*again[1:], "-o", "two").code == 0
     one, two = (json.loads((tmp_path / n / "summary.json").read_text()) for n in ("one", "two"))
     assert one["x_r_m"] == two["x_r_m"] is not None
 
@@ -86,7 +86,7 @@ def test_an_own_reaction_flies_and_its_scenario_says_how_to_fly_it_again(tombo, 
     [(1, "x_r 1e+09 m"), (2, "x_r [nan"), (3, "n_r ["), (4, "no way out"), (5, "a Decision")],
 )
 def test_what_can_not_be_flown_ends_the_flight_with_its_reason(tombo, mine, wrong, word):
-    setting = ("--set", f"reaction.wrong={wrong}", "--no-record", "-o", "out")
+    setting = ("--set", f"reaction.wrong={wrong}", "-o", "out")
     result = tombo("fly", "--import", mine, "--reaction", "mine", *SHORT, *setting)
     assert result.code == 2
     assert "Traceback" not in result.err

@@ -48,14 +48,3 @@ def test_the_command_of_the_worst_flight(tombo):
     result = tombo("sweep", "paper_collision", *fixed, *drawn)
     assert result.code == 0, result.err
     assert run_printed(tombo, result.out) == ["fly"]
-
-
-def test_the_command_in_a_scenarios_file(tombo, monkeypatch):
-    assert tombo("fly", "hover", "--set", "duration=1", "--seed", "4", "-o", "a b").code == 0
-    head = Path("a b/scenario.yaml").read_text(encoding="utf-8").partition("\n\n")[0]
-    commands = re.findall(r"tombo fly .+", head)
-    assert commands, head
-    monkeypatch.chdir("a b")
-    _, *words = shlex.split(commands[0].rstrip("`."))
-    again = tombo(*words)
-    assert again.code == 0, again.err

@@ -35,14 +35,6 @@ def test_a_trace_gives_its_recovery_time(tombo, tmp_path):
     assert values["time_s"] == pytest.approx(1.0, abs=0.003)
 
 
-def test_speed_recovers_at_the_root_of_the_share(tombo, tmp_path):
-    write_trace(tmp_path / "t.csv", level=4000.0, unit="rpm")
-    values = tombo("propeller", "recovery", "t.csv", "--json").json
-    assert values["recovered_at_share"] == pytest.approx(math.sqrt(0.9))
-    (hit,) = values["collisions"]
-    assert hit["recovery_s"] == pytest.approx(-0.15 * math.log(1.0 - math.sqrt(0.9)), rel=0.02)
-
-
 @pytest.mark.parametrize(
     "arguments, why",
     [

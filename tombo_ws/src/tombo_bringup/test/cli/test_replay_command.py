@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from suite_bench import names
 
 BAGS = Path(__file__).parents[5] / "tests" / "bags"
 STRIKE = str(BAGS / "paper_collision_7.mcap")
@@ -55,18 +54,6 @@ def test_parameters_come_from_a_file_over_the_bag_and_settings_over_both(tombo, 
     assert blind.json["nodes"]["detector"]["missed"] == 1
     seeing = ("--scenario", "mine.yaml", "--set", "detector.threshold=100")
     assert tombo("replay", STRIKE, *seeing, "--json").json["differences"] == []
-
-
-@pytest.mark.slow
-def test_results_are_written_and_other_files_left_alone(tombo, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "flight.mcap").write_text("mine")
-    for _ in range(2):
-        result = tombo("replay", STRIKE, "-o", "out", "--json")
-        assert result.code == 0
-    assert names(tmp_path / "out") == {"flight.mcap", "replay.json"}
-    assert (tmp_path / "out" / "flight.mcap").read_text() == "mine"
-    assert (tmp_path / "out" / "replay.json").read_text() == result.out
 
 
 def test_a_truncated_recording_is_replayed_and_the_damage_reported(tombo, tmp_path):

@@ -47,20 +47,6 @@ def write_model(folder, effects):
 
 
 @pytest.mark.slow
-def test_json_has_the_form_of_a_diagnosis_of_flights(run, tmp_path):
-    result = run(table(tmp_path / "a.csv"), "--json")
-    assert result.code == 0, result.out
-    diagnosis = result.json
-    keys = {
-        *("verdict", "causes", "set", "separating_experiment", "gain", "prechecks"),
-        *("candidates", "runs", "confidence", "summary", "notes", "model", "seconds", "version"),
-    }
-    assert keys <= set(diagnosis)
-    assert diagnosis["verdict"] == "none"
-    assert "NaN" not in result.out
-
-
-@pytest.mark.slow
 def test_a_gain_is_found_written_and_then_no_finding_any_more(run, tmp_path):
     path = table(tmp_path / "a.csv", gain=1.15)
     result = run(path, "-o", tmp_path / "out")
@@ -121,13 +107,3 @@ def test_runs_that_differ_are_told_and_extend_no_model(run, tmp_path):
     assert not (tmp_path / "out/stand_model.yaml").exists()
     page = (tmp_path / "out/report.html").read_text()
     assert "differ by" in page and "stand_model.yaml: the verdict" not in page
-
-
-@pytest.mark.slow
-def test_a_model_that_does_not_apply_is_named_with_its_value(run, tmp_path):
-    model = write_model(tmp_path, {"thrust_tare": {"offset": 0.147}})
-    path = table(tmp_path / "a.csv")
-    result = run(path, "--model", model, "-o", tmp_path / "out")
-    assert result.out.startswith("The cause is thrust tare")
-    diagnosis = json.loads((tmp_path / "out/diagnosis.json").read_text())
-    assert diagnosis["causes"][0]["theta"]["offset"]["nominal"] == 0.147

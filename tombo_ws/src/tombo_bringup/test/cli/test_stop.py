@@ -131,23 +131,6 @@ def test_ctrl_c_while_drawing_keeps_flight_and_summary(tombo, tmp_path, monkeypa
     assert result.json["interrupted"] is False
 
 
-def test_a_second_signal_ends_it_and_leaves_nothing(tombo, tmp_path, monkeypatch):
-    def draw(*records):
-        try:
-            os.kill(os.getpid(), signal.SIGINT)
-        except Stopped:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr(flight_plot, "draw_flight", draw)
-
-    result = tombo("fly", "hover", "--set", "duration=0.5", "-o", "out", "--json")
-
-    assert result.code == 130
-    assert result.out == ""
-    assert "Traceback" not in result.err
-    assert names(tmp_path) == set()
-
-
 def test_signals_are_remembered_then_raised_and_given_back():
     before = signal.getsignal(signal.SIGINT)
     with StopSignals() as stop:
@@ -163,16 +146,3 @@ def test_signals_are_remembered_then_raised_and_given_back():
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGTERM)
     assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_the_second_word_of_a_hang_up_does_not_kill_what_tidies_up():
-    code = (
-        "import os, signal\n"
-        "from tombo_flight.process.stop_signals import StopSignals\n"
-        "with StopSignals(signal.SIGHUP):\n"
-        "    os.kill(os.getpid(), signal.SIGHUP)\n"
-        "os.kill(os.getpid(), signal.SIGHUP)\n"
-        "print('tidy')\n"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (run.returncode, run.stdout) == (0, "tidy\n")

@@ -35,7 +35,7 @@ def test_a_sweep_leaves_table_page_and_what_was_flown(tombo, tmp_path):
 
 @pytest.mark.slow
 def test_many_seeds_of_fly_are_a_sweep_of_the_single_flights(tombo, tmp_path):
-    words = ("fly", "--conf", "10", "--set", "duration=26", "--seeds", "4:9")
+    words = ("fly", "--set", "propeller.conf=10", "--set", "duration=26", "--seeds", "4:9")
     result = tombo(*words, "-o", "c", "--json")
     assert (result.code, result.err) == (0, "")
     assert names(tmp_path / "c") == FILES
@@ -52,20 +52,6 @@ def test_many_seeds_of_fly_are_a_sweep_of_the_single_flights(tombo, tmp_path):
     )
     refused = tombo("fly", "--seeds", "4:10", "-o", "c")
     assert refused.code == 2 and "another seeds" in refused.err
-
-
-@pytest.mark.slow
-def test_many_seeds_of_fly_go_into_a_named_run_and_replace_what_may_be_replaced(tombo, tmp_path):
-    words = ("fly", "hover", "--set", "duration=0.5")
-    result = tombo(*words, "--seeds", "0:2")
-    assert result.code == 0
-    assert "2 flights: 0 of 2 crashed" in result.out and "0 collided" in result.out
-    assert "–" not in result.out and "paper" not in result.out, "figures of no collision"
-    assert names(tmp_path / "runs") == {"hover-0-2-duration_0.5"}
-    assert tombo(*words, "-o", "one").code == 0
-    assert tombo(*words, "--seeds", "0:2", "-o", "one").code == 2
-    assert tombo(*words, "--seeds", "0:2", "-o", "one", "--force").code == 0
-    assert names(tmp_path / "one") == FILES
 
 
 @pytest.mark.parametrize("given", ["vehicle={mass: 1,4}", "mission={height: 2,5}"])

@@ -79,25 +79,6 @@ def test_a_dead_node_is_reported_with_its_last_output_others_go_on(marked):
 
 
 @pytest.mark.slow
-def test_when_no_node_is_left_it_ends_by_itself(marked):
-    process = marked.up({"sim": "fake_broken"})
-    out, _ = process.communicate(timeout=60)
-
-    assert process.returncode == 1
-    assert "Error: parameter detector.threshold" in out
-
-
-@pytest.mark.slow
-def test_it_ends_after_its_duration_with_exit_code_0(marked):
-    process = marked.up(GOOD, "--duration", "0.5")
-    out, err = process.communicate(timeout=60)
-
-    assert process.returncode == 0, err
-    assert "2 of 2 nodes run" in out
-    assert marked.alive() == []
-
-
-@pytest.mark.slow
 def test_json_lines_have_status_and_ends(marked):
     suite = {"sim": "fake_good", "mission": "fake_short", "detector": "fake_deaf"}
     process = marked.up(suite, "--json")
@@ -129,18 +110,6 @@ def test_json_lines_have_status_and_ends(marked):
     assert [(e["node"], e["exit_code"]) for e in by_kind["ended"]] == [("mission", 1)]
     assert [e["node"] for e in by_kind["closed"][0]["not_well"]] == ["detector"]
     assert marked.alive() == []
-
-
-@pytest.mark.slow
-def test_a_monitor_that_cannot_start_is_a_warning_and_no_more(marked):
-    process = marked.up(GOOD, monitor="fake_broken")
-    started(marked, *GOOD)
-    told = "monitor: ended, exit code 1: no status any more"
-    read_until(process, lambda lines: any(told in line for line in lines))
-    os.kill(process.pid, signal.SIGINT)
-    process.communicate(timeout=60)
-
-    assert process.returncode == 0
 
 
 @pytest.mark.real_time

@@ -12,14 +12,14 @@ import typer
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
-from tombo_bringup.cli.result_files import check_new_file, publish, write_file
+from tombo_bringup.cli.result_files import check_new_file, publish
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_diagnosis.change.diagnose import ChangeData
     from tombo_diagnosis.diagnosis import Diagnosis
     from tombo_diagnosis.report.files import NominalReference
+    from tombo_flight.progress import ProgressCallback
 
 app = typer.Typer()
 _MANY: Final = "--healthy"
@@ -213,12 +213,13 @@ def _explain_mapping(logs: list[Path], output: str | None, force: bool) -> None:
     if path is not None:
         check_new_file(path, force)
     from tombo_flight.command_line import command_line
+    from tombo_flight.process.output_folder import write_whole
     from tombo_logs.proposal.explain import explain_mapping
 
     text = explain_mapping(logs[0])
     if path is None:
         typer.echo(text, nl=False)
         return
-    write_file(path, text)
+    write_whole(path, text)
     again = command_line(("diagnose", str(logs[0])), [("--mapping", str(path))])
     typer.echo(f"Wrote {path}; diagnose with: {again}")

@@ -49,7 +49,6 @@ def option(
     default: Any = None,
     *,
     bounds: tuple[float, float] | None = None,
-    accepted: str = "",
     check: Callable[..., Any] | None = None,
     **more: Any,
 ) -> Any:
@@ -60,7 +59,6 @@ def option(
         text: of the help.
         default: where the option is not given; `...`: it must be given.
         bounds: lowest and highest number.
-        accepted: words of the error for a text that is not a number; by default the bounds.
         check: takes the value and returns it, or raises InputError.
         more: further arguments of `typer.Option`.
     """
@@ -71,7 +69,7 @@ def option(
     if check is not None:
         more["callback"] = check
     info = typer.Option(*names.split("/"), metavar=metavar or None, help=text, **more)
-    return _field(default, info, accepted or _range(bounds))
+    return _field(default, info)
 
 
 def argument(metavar: str, text: str, default: Any = ..., **more: Any) -> Any:
@@ -170,9 +168,9 @@ def spelt_out(function: Callable[..., Any], *, lab: bool = False) -> Callable[..
     return call
 
 
-def _field(default: Any, info: Any, accepted: str = "") -> Any:
-    metadata = {"option": info, "accepted": accepted}
-    return dataclasses.field(default=_MISSING if default is ... else default, metadata=metadata)
+def _field(default: Any, info: Any) -> Any:
+    default = _MISSING if default is ... else default
+    return dataclasses.field(default=default, metadata={"option": info})
 
 
 def _options(record: type[Any]) -> list[dataclasses.Field[Any]]:
@@ -186,17 +184,16 @@ def _parameters(record: type[Any]) -> list[inspect.Parameter]:
     hints, made = get_type_hints(record), []
     for field in _options(record):
         hint, meta = hints[field.name], field.metadata
-        info, accepted = meta.get("option"), meta.get("accepted", "")
+        info = meta.get("option")
         if info is None:  # the record checks the number itself
             unit = meta["unit"]
-            accepted = f"{_range(meta['bounds'])} [{unit}]"
             flag = f"--{field.name.removesuffix(f'_{unit}').replace('_', '-')}"
             info = typer.Option(
                 flag, metavar="X" if unit == "1" else unit.upper(), help=meta["doc"]
             )
         for kind in (int, float):
             if hint is kind or kind in get_args(hint):
-                info.parser = functools.partial(_number, kind, accepted)
+                info.parser = functools.partial(_number, kind)
         missing = field.default is _MISSING
         made.append(
             inspect.Parameter(
@@ -209,19 +206,12 @@ def _parameters(record: type[Any]) -> list[inspect.Parameter]:
     return made
 
 
-def _number(kind: type[float], accepted: str, given: object) -> float:
+def _number(kind: type[float], given: object) -> float:
     try:
         return kind(str(given))
     except ValueError:
         what = "a whole number" if kind is int else "a number"
-        if accepted.startswith("from"):
-            accepted = f"{what} {accepted}"
-        more = f"; accepted: {accepted}" if accepted else ""
-        raise typer.BadParameter(f"'{given}' is not {what}{more}") from None
-
-
-def _range(bounds: tuple[float, float] | None) -> str:
-    return "" if bounds is None else f"from {bounds[0]:g} to {bounds[1]:g}"
+        raise typer.BadParameter(f"'{given}'; accepted: {what}") from None
 
 
 def _within(flag: str, low: float, high: float) -> Callable[[Any], Any]:
@@ -261,12 +251,6 @@ def _import(files: list[str] | None) -> list[str] | None:
 
         import_files(files)
     return files
-
-
-def _duration(duration: float | None) -> float | None:
-    if duration is not None and not duration > 0.0:
-        raise InputError(f"--duration {duration:g}: out of bounds; accepted: a number above 0")
-    return duration
 
 
 def _output(output: str | None) -> str | None:
@@ -384,7 +368,7 @@ class Seeds:
 class Duration:
     """When a command ends by itself."""
 
-    duration: float | None = option("--duration S", "Stop after S seconds.", check=_duration)
+    duration: float | None = option("--duration S", "Stop after S seconds.", bounds=(1e-3, 1e9))
 
 
 @record
@@ -543,41 +527,8 @@ class Results(Force, Copies):
     """Where results go, and whether they may be replaced."""
 
 
-@dataclass(frozen=True)
-class OptionRule:
-    """Options that one option needs, and options that exclude it."""
-
-    shown: str
-    """The option in a message; a name of a parameter in braces is replaced by its value."""
-    option: str
-    """Name of its parameter."""
-    needs: tuple[str, ...] = ()
-    """Options, one of which must be given."""
-    without: tuple[str, ...] = ()
-    """Options, none of which may be given."""
-    accepted: str = ""
-    """Accepted combinations, as text; empty: it follows from `needs` and `without`."""
-
-    def check(self, given: Mapping[str, Any]) -> None:
-        """Refuse a combination.
-
-        Raises:
-            InputError: the rule is broken.
-        """
-        if not is_given(given[self.option]):
-            return
-        lacks = self.needs and not any(is_given(given[name]) for name in self.needs)
-        if lacks or any(is_given(given[name]) for name in self.without):
-            accepted = self.accepted or self._accepted_text()
-            raise InputError(f"{self.shown.format_map(given)}: accepted: {accepted}")
-
-    def _accepted_text(self) -> str:
-        parts = []
-        if self.needs:
-            parts.append(f"with {_flags(self.needs, 'or')}{'' if self.without else ' only'}")
-        if self.without:
-            parts.append(f"without {_flags(self.without, 'and')}")
-        return " and ".join(parts)
+Rule = tuple[str, Sequence[str], Sequence[str]]
+"""An option, those of which it needs one, and those with which it does not go."""
 
 
 def is_given(value: Any) -> bool:
@@ -585,20 +536,22 @@ def is_given(value: Any) -> bool:
     return value is not None and value is not False and value != []
 
 
-def check_options(rules: Sequence[OptionRule], *records: Any, **more: Any) -> None:
+def check_options(rules: Sequence[Rule], given: Mapping[str, Any]) -> None:
     """Refuse options that don't go together, by the first rule that they break.
 
     Args:
-        rules: of the command.
-        records: of options.
-        more: values that no record has.
+        rules: of the command, by names of parameters.
+        given: name of a parameter -> its value.
 
     Raises:
         InputError: there are some.
     """
-    given = {name: value for record in records for name, value in vars(record).items()} | more
-    for rule in rules:
-        rule.check(given)
+    for name, needs, without in rules:
+        lacks = needs and not any(is_given(given[other]) for other in needs)
+        if is_given(given[name]) and (lacks or any(is_given(given[other]) for other in without)):
+            parts = [f"with {_flags(needs, 'or')}"] if needs else []
+            parts += [f"without {_flags(without, 'and')}"] if without else []
+            raise InputError(f"--{name.replace('_', '-')}: accepted: {' and '.join(parts)}")
 
 
 def _flags(names: Sequence[str], last: str) -> str:

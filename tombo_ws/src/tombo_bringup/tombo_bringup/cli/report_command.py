@@ -12,8 +12,8 @@ from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
-    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_diagnosis.crash.reason import Why
+    from tombo_flight.progress import ProgressCallback
     from tombo_flight.report.page import Page
 
 app = typer.Typer()
@@ -39,8 +39,6 @@ def report(logs: Logs, reading: Reading, results: Results) -> None:
 
     if len(logs.logs) > MOST_LOGS:
         raise InputError(f"{len(logs.logs)} logs; accepted: 1 to {MOST_LOGS}")
-    if results.output is not None and results.output.endswith(".html"):
-        raise InputError(f"-o '{results.output}': accepted: a folder; the page in it is {PAGE}")
 
     def compute(on_progress: ProgressCallback) -> Page:
         on_progress("reading", 0.0)

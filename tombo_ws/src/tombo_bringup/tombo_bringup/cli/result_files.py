@@ -14,15 +14,12 @@ import typer
 
 if TYPE_CHECKING:
     from tombo_bringup.cli.options import Results
-    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_flight.process.output_folder import OutputFolder
+    from tombo_flight.progress import ProgressCallback
     from tombo_flight.report.page import Page
     from tombo_flight.sweep.study import SweepStudy
 
 _Result = TypeVar("_Result")
-_LONGEST_NAME = 120
-"""Of a run's folder; two that begin alike get numbers."""
-_LONGEST_CHANGE = 30
 YAML = (".yaml", ".yml")
 
 
@@ -44,16 +41,9 @@ class Place:
         return open_output(self.path, replace=self.replace, results=names, numbered=self.numbered)
 
 
-def new_run(name: str, seeds: str, settings: Sequence[str], vehicle: str | None) -> Place:
-    """Return a new folder under runs/: the scenario's name, its seeds, vehicle and settings."""
-    changed = {} if vehicle is None else {"vehicle": Path(vehicle).stem}
-    for key, _, value in (text.partition("=") for text in settings):
-        changed[key.removesuffix(".name").rpartition(".")[2]] = value
-    label = "-".join([plain_name(name, "scenario"), seeds])
-    more = "".join(
-        f"-{plain_name(f'{key}_{value}')[:_LONGEST_CHANGE]}" for key, value in changed.items()
-    )
-    return Place(Path("runs") / (label + more)[:_LONGEST_NAME], numbered=True)
+def new_run(name: str) -> Place:
+    """Return a new folder under runs/, with a number where the name is taken."""
+    return Place(Path("runs") / name, numbered=True)
 
 
 def plain_name(name: str, nameless: str = "log") -> str:
@@ -119,7 +109,7 @@ def publish(
     if results.output is not None:
         place = Place(Path(results.output), replace=results.force)
     elif name is not None and not results.as_json:
-        place = Place(Path("runs") / plain_name(name), numbered=True)
+        place = new_run(plain_name(name))
     found, path, written = compute_into(place, files, compute, write or write_pages)
     shown = page(found, path)
     show_page(shown, results.as_json, None if results.as_json else path, written)
@@ -219,27 +209,3 @@ def run_sweep(
         raise typer.Exit(stop.exit_code)
     shown = replace(page, data={**page.data, "flown": flights - before})
     show_page(shown, as_json, path, (TABLE, PAGE, HEAD))
-
-
-def write_file(path: Path, text: str) -> None:
-    """Write a text, whole or not at all.
-
-    Raises:
-        InputError: it can't be written.
-    """
-    from tombo_flight.process.output_folder import write_whole
-
-    try:
-        write_whole(path, text)
-    except OSError as error:
-        raise unwritable(path, error) from error
-
-
-def unwritable(path: Path, error: OSError) -> Exception:
-    """Return the error of a file of -o that can't be written."""
-    from tombo_dynamics.errors import InputError
-
-    return InputError(
-        f"-o {path}: can't be written ({error.strerror}); accepted: a file in a folder that can "
-        "be written"
-    )

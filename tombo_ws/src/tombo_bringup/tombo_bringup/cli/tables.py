@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
-from rich.console import Console, RenderableType
-from rich.live import Live
+from rich.console import Console
 from rich.text import Text
 
-from tombo_bringup.cli.errors import printable
 from tombo_flight.json_text import as_json as as_json_text
 
 if TYPE_CHECKING:
@@ -23,8 +18,6 @@ if TYPE_CHECKING:
 
 _ONE_LINE: Final = 10_000
 """Columns of a console that nobody looks at: no row of a table is wider."""
-_DRAWN_S: Final = 0.25
-_PRINTED_S: Final = 5.0
 
 
 def console(**more: Any) -> Console:
@@ -108,48 +101,3 @@ def print_table(table: Table) -> None:
 def print_line(text: str, style: str = "") -> None:
     """Print a line, however long it gets."""
     console().print(Text(text, style), soft_wrap=True)
-
-
-class Scroll:
-    """Lines on standard output; on a terminal (`live`) they scroll above something drawn."""
-
-    def __init__(self, live: Live | None) -> None:
-        self.live = live
-        self._next_s = time.monotonic()
-
-    def due(self) -> bool:
-        """Return whether it is time to show a state again: four times a second, or each 5 s."""
-        now_s = time.monotonic()
-        if now_s < self._next_s:
-            return False
-        self._next_s = now_s + (_PRINTED_S if self.live is None else _DRAWN_S)
-        return True
-
-    def show(self, text: str) -> None:
-        """Show a state in one line: below the others, or where nothing is drawn as one of them."""
-        if self.live is None:
-            self.put(text)
-        else:
-            self.draw(Text(text, no_wrap=True, overflow="ellipsis"))
-
-    def put(self, text: str, style: str = "") -> None:
-        """Print a line."""
-        if self.live is None:
-            print(printable(text), flush=True)
-        else:
-            self.live.console.print(Text(text, style))
-
-    def draw(self, shown: RenderableType) -> None:
-        """Draw below the lines, in place of the last drawing; on a terminal only."""
-        if self.live is not None:
-            self.live.update(shown, refresh=True)
-
-
-@contextmanager
-def scroll() -> Iterator[Scroll]:
-    """Make the lines that fit where standard output leads to."""
-    if not sys.stdout.isatty():
-        yield Scroll(None)
-        return
-    with Live(console=console(), auto_refresh=False, redirect_stderr=False) as live:
-        yield Scroll(live)

@@ -15,7 +15,6 @@ from tombo_bringup.cli.vehicle_fit_command import from_flights
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
-    from tombo_flight.report.page import Page
     from tombo_flight.vehicle_file import VehicleFile
 
 app = typer.Typer(
@@ -43,11 +42,21 @@ class _Name:
 
 @command(app)
 def show(which: _Name, shown: options.Shown) -> None:
-    """Show each value of a vehicle, where it is from, and its hover."""
-    from tombo_bringup.cli.tables import show_page
-    from tombo_flight.vehicle_file import read_vehicle
+    """Show a vehicle's file and its hover; with --json also the values that follow from others."""
+    from tombo_flight.json_text import as_json
+    from tombo_flight.vehicle_file import read_vehicle, vehicle_text
 
-    show_page(_page(read_vehicle(which.name)), shown.as_json)
+    file = read_vehicle(which.name)
+    hover = _hover(file)
+    if shown.as_json:
+        values = {**dataclasses.asdict(file), "given": sorted(file.given), "hover": hover}
+        print(as_json(values), end="")
+        return
+    typer.echo(
+        f"{vehicle_text(file)}# Hover: {hover['thrust_N']:.4g} N and {hover['speed_rad_s']:.4g} "
+        f"rad/s a rotor ({hover['speed_rpm']:.0f} rpm), {hover['power_W']:.4g} W of shaft power "
+        f"for all four, thrust to weight {hover['thrust_to_weight']:.2f}"
+    )
 
 
 @command(app)
@@ -114,83 +123,6 @@ def _hover(file: VehicleFile) -> dict[str, float]:
         "power_W": point.power,
         "thrust_to_weight": float(maps.thrust_highest) / point.thrust,
     }
-
-
-def _page(file: VehicleFile) -> Page:
-    """Return each value of a vehicle, where it is from, and its hover."""
-    from tombo_dynamics.effects import REGISTRY
-    from tombo_flight.report.page import Page, Section, Table, TableRow, Text
-
-    rows: list[TableRow | tuple[str, ...]] = []
-    for section in ("vehicle", "propeller", "drive", "control"):
-        if section != "drive" or file.drive.known:
-            rows += [TableRow([section], "group"), *_rows(file, section)]
-    for name, theta in file.effects.items():
-        units = {p.name: p.unit for p in REGISTRY[name].theta}
-        rows.append(TableRow([f"effect {name}"], "group"))
-        rows += [(key, f"{value:.4g}", units[key], "", "") for key, value in theta.items()]
-    hover = _hover(file)
-    words = (
-        f"Hover: {hover['thrust_N']:.4g} N and {hover['speed_rad_s']:.4g} rad/s a rotor "
-        f"({hover['speed_rpm']:.0f} rpm), {hover['power_W']:.4g} W of shaft power for all four, "
-        f"thrust to weight {hover['thrust_to_weight']:.2f}"
-    )
-    sources = [f"[{i + 1}] {source}" for i, source in enumerate(file.sources)]
-    return Page(
-        title=file.name,
-        eyebrow="vehicle",
-        headline=file.name,
-        summary=file.about,
-        sections=[
-            Section("", [Table(("", "value", "unit", "tolerance", "from"), rows), Text(sources)]),
-            Section("", [Text([words])]),
-        ],
-        data={
-            "name": file.name,
-            "about": file.about,
-            "vehicle": dataclasses.asdict(file.vehicle),
-            "propeller": dataclasses.asdict(file.propeller),
-            "drive": dataclasses.asdict(file.drive),
-            "control": dataclasses.asdict(file.control),
-            "effects": {name: dict(theta) for name, theta in file.effects.items()},
-            "sources": list(file.sources),
-            "notes": {key: dataclasses.asdict(note) for key, note in file.notes.items()},
-            "hover": hover,
-        },
-    )
-
-
-def _rows(file: VehicleFile, section: str) -> list[tuple[str, ...]]:
-    """Return name, value, unit, tolerance and source of the values of a section."""
-    record = getattr(file, section)
-    rows: list[tuple[str, ...]] = []
-    for f in dataclasses.fields(record):
-        key, value = f"{section}.{f.name}", getattr(record, f.name)
-        if section == "propeller" and key not in file.given and value == f.default:
-            continue
-        tolerance = file.tolerance(key)
-        shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-        if f.name == "curve" and value is not None:
-            shown = f"{len(value)} points"
-        rows.append(
-            (
-                f.name,
-                shown,
-                str(f.metadata.get("unit", "")),
-                "" if tolerance is None else f"{tolerance:.3g}",
-                _source(file, key),
-            )
-        )
-    return rows
-
-
-def _source(file: VehicleFile, key: str) -> str:
-    """Return where a value is from."""
-    if key in file.notes or key in file.given:
-        return file.notes[key].source if key in file.notes else ""
-    if key == "vehicle.rotor_radius":
-        return "the propeller"
-    return "rule" if key.startswith("control.") else "as the S500, in this size"
 
 
 command(app, "from-flights")(from_flights)

@@ -24,9 +24,7 @@ if TYPE_CHECKING:
 class _Flights(options.Logs):
     output: Path = option("-o/--output FILE", "What to write, a .yaml.", ...)
     mass: float | None = option(
-        "--mass KG",
-        "Mass at take-off, as weighed: flights show thrust over mass only.",
-        accepted="a number [kg]",
+        "--mass KG", "Mass at take-off, as weighed: flights show thrust over mass only."
     )
 
 
@@ -137,15 +135,16 @@ def _page(fit: VehicleFit, output: Path) -> Page:
         headline=f"{fit.file.name}, as its flights show it",
         summary="",
         sections=[
-            Section("", [Table(("fitted", "change", "95 % interval"), rows), Text(lines)]),
-            Section("", [Text(doubts, style="warn")]),
             Section(
                 "",
                 [
+                    Table(("fitted", "change", "95 % interval"), rows),
+                    Text(lines),
+                    Text(doubts, style="warn"),
                     Text([f"Wrote {output}. Next, with other flights in place of NEW...:"]),
                     Text([f"  {diagnose}"], "command"),
                 ],
-            ),
+            )
         ],
         data={
             "name": fit.file.name,

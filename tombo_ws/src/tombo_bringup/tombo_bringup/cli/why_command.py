@@ -11,8 +11,8 @@ from tombo_bringup.cli.result_files import publish
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_diagnosis.crash.reason import Why
+    from tombo_flight.progress import ProgressCallback
 
 app = typer.Typer()
 WHY_FILES = ("why.json", "report.html")

@@ -10,14 +10,9 @@ import typer
 
 from tombo_bringup.cli import options
 from tombo_bringup.cli.errors import print_warnings
-from tombo_bringup.cli.flight.optional_url import (
-    PX4_RULES,
-    PX4_SPEED,
-    Px4Options,
-    expand_url_option,
-)
+from tombo_bringup.cli.flight.optional_url import PX4_RULES, Px4Options, expand_url_option
 from tombo_bringup.cli.options import argument, command, option, record
-from tombo_bringup.cli.result_files import Place, new_run
+from tombo_bringup.cli.result_files import Place, new_run, plain_name
 from tombo_bringup.cli.tables import show_page
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import SEED_LIMIT
@@ -34,14 +29,13 @@ EXIT_CODES = (
     "after Ctrl-C, 143 after SIGTERM, with what was flown so far in the folder."
 )
 _MOST_FLIGHTS = 100_000
-_RULES = (
-    options.OptionRule("--seed {seed} and --seeds {seeds}", "seed", (), ("seeds",), "one of them"),
-    PX4_SPEED,
-    options.OptionRule("--speed {speed:g}", "speed", ("nodes",)),
-    options.OptionRule("--lockstep", "lockstep", ("nodes",), ("speed",)),
-    options.OptionRule("--domain {domain}", "domain", ("nodes", "px4")),
-    options.OptionRule("--nodes", "nodes", (), ("seeds", "no_record")),
-    options.OptionRule("--px4", "px4", (), ("nodes", "seeds", "no_record")),
+_RULES: tuple[options.Rule, ...] = (
+    ("seed", (), ("seeds",)),
+    ("speed", ("nodes",), ("px4", "lockstep")),
+    ("lockstep", ("nodes",), ()),
+    ("domain", ("nodes", "px4"), ()),
+    ("nodes", (), ("seeds",)),
+    ("px4", (), ("nodes", "seeds")),
     *PX4_RULES,
 )
 
@@ -68,7 +62,6 @@ class _Fly:
         "the machine can: the same flight to the last bit.",
         False,
     )
-    no_record: bool = option("--no-record", "Write no flight.mcap.", False)
 
 
 @command(app, lab=True, epilog=EXIT_CODES, expand=expand_url_option)
@@ -77,7 +70,6 @@ def fly(
     draw: options.Draw,
     several: options.Seeds,
     variation: options.Variation,
-    propeller: options.Propeller,
     px4: Px4Options,
     pace: options.Pace,
     domain: options.Domain,
@@ -92,12 +84,11 @@ def fly(
     from tombo_flight.scenario import load_scenario, scenario_warnings
 
     many = None if several.seeds is None else parse_seeds(several.seeds)
-    options.check_options(
-        _RULES, draw, several, variation, px4, pace, domain, more, px4_url=px4.url
-    )
+    given = {**vars(draw), **vars(several), **vars(variation), **vars(pace), **vars(domain)}
+    options.check_options(_RULES, {**given, **vars(more), **px4.given})
     real = px4.url is not None and more.scenario is None
     seed, scenario = draw.seed or 0, more.scenario or (_REAL if real else _SIMULATED)
-    fixed = [*([_REAL_HEIGHT] if real else []), *variation.changes, *_propeller(propeller)]
+    fixed = [*([_REAL_HEIGHT] if real else []), *variation.changes]
     chosen = load_scenario(scenario, fixed, variation.model, variation.vehicle)
     print_warnings(scenario_warnings(chosen))
     rest = f"{many.start}-{many.stop}" if many else str(seed)
@@ -105,7 +96,7 @@ def fly(
     if place.output is not None:
         folder = Place(Path(place.output), replace=force.force)
     else:
-        folder = new_run(chosen.name, rest, fixed, variation.vehicle)
+        folder = new_run(f"{plain_name(chosen.name, 'scenario')}-{rest}")
     if more.nodes or px4.px4 is not None:
         from tombo_bringup.cli.flight.fly_nodes import fly_nodes
 
@@ -121,7 +112,7 @@ def fly(
             yes=px4.yes,
         )
     elif many is None:
-        code = _fly_one(chosen, seed, folder, not more.no_record, place.as_json)
+        code = _fly_one(chosen, seed, folder, place.as_json)
     else:
         from tombo_bringup.cli.result_files import run_sweep
         from tombo_flight.sweep.design import SweepDesign
@@ -150,20 +141,7 @@ def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
     return seeds
 
 
-def _propeller(propeller: options.Propeller) -> list[str]:
-    """Return the settings that --conf and --law mean; they win over --set.
-
-    Raises:
-        InputError: there is no such configuration.
-    """
-    conf, law = propeller.conf, propeller.law
-    if conf is not None and not 0 <= conf <= 13:
-        raise InputError(f"--conf {conf}: unknown configuration; accepted: 0 (rigid) to 13")
-    options = [] if conf is None else [f"propeller.conf={conf}"]
-    return options if law is None else [*options, f"propeller.law={law}"]
-
-
-def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
+def _fly_one(scenario: Scenario, seed: int, place: Place, as_json: bool) -> int:
     """Rehearse the scenario, fly it, write its files and show its page; return the exit code."""
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.flight_output import fly_into, warm_up_flight
@@ -173,7 +151,7 @@ def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json:
         on_progress("loading", 0.0)
         warm_up_flight(scenario)
         with StopSignals() as stop, place.open() as folder:
-            flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
+            flight = fly_into(folder, scenario, seed, stop, on_progress=on_progress)
             names = sorted(p.name for p in folder.staging.iterdir())
             folder.publish()
     if not as_json and stop.asked() and not flight.summary["interrupted"]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from tombo_bringup.cli import options
+from tombo_bringup.cli.errors import printable
 from tombo_bringup.cli.options import command, option, record
 
 if TYPE_CHECKING:
@@ -88,35 +89,14 @@ To fly by motion capture alone, as `tombo fly --px4` does, PX4 needs these, too:
 
 
 def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> None:
-    """Run until it is stopped; one line of how it is, news above it."""
-    from tombo_bringup.cli.tables import scroll
-
+    """Run until it is stopped; print the news."""
     began = time.monotonic()
     over = False
-    with scroll() as screen:
-        while not (over or stop.asked()):
-            now_ns = time.monotonic_ns()
-            if not one.advance(now_ns):
-                one.wait(now_ns, _WAIT_S)
-            over = duration_s is not None and time.monotonic() - began >= duration_s
-            for news in one.take_notices():
-                screen.put(f"{'! ' if news.severe else ''}{news.text}")
-            if screen.due():
-                screen.show(_status(one))
-        screen.put(f"stopped after {one.flights} flights")
-
-
-def _status(one: HilSimulator) -> str:
-    flight = one.flight
-    parts = [
-        f"{one.phase.value}: flight {one.flights}, {1e-6 * flight.time_us:.1f} s",
-        f"{one.steps} steps",
-        f"{one.missed} missed",
-        "armed" if one.motors.armed else "not armed",
-        f"{flight.simulator.height:.2f} m up",
-    ]
-    if one.wrong_time:
-        parts.append(f"{one.wrong_time} answers with a wrong time")
-    if flight.controls.refused:
-        parts.append(f"{flight.controls.refused} controls out of range")
-    return ", ".join(parts)
+    while not (over or stop.asked()):
+        now_ns = time.monotonic_ns()
+        if not one.advance(now_ns):
+            one.wait(now_ns, _WAIT_S)
+        over = duration_s is not None and time.monotonic() - began >= duration_s
+        for news in one.take_notices():
+            print(f"{'! ' if news.severe else ''}{printable(news.text)}", flush=True)
+    print(f"stopped after {one.flights} flights, {one.steps} steps, {one.missed} missed")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -16,9 +14,6 @@ from tombo_flight.suite.node_log import without_stamp
 if TYPE_CHECKING:
     from tombo_flight.suite.node_flight import NodeFlight
 
-_KEY: Final = re.compile(r"\w+ (?!PX4: )[\w.]+: ")
-_FIGURE: Final = re.compile(r"\d[\d.]*")
-_STAMP: Final = re.compile(r"\[\w+\] \[([\d.]+)\]")
 _WARNINGS: Final = 12
 """More are not shown."""
 
@@ -32,91 +27,38 @@ def print_node_flight(flown: NodeFlight, path: Path, files: Sequence[str], as_js
 
 
 def print_nodes(flown: NodeFlight) -> None:
-    """Print the loops, latency or PX4, the recorder's losses, and the nodes' troubles."""
-    summary = flown.flight.summary
-    if summary["loops"]:
-        _print_loops(summary["loops"])
-    recorder = summary["recorder"]
-    recorded = (
-        f"{_number(recorder['messages'], 'messages recorded', 0)}, "
-        f"{_number(recorder['lost'], 'lost', 0)}."
-    )
-    if "px4" in summary:
-        recorded = f"{_px4(summary['px4'])}; {recorded}"
-    elif summary["loops"]:
-        recorded = f"{_latency(summary)}; {recorded}"
-    print_line(recorded)
-    in_real_time = summary.get("mode") == "px4"
-    troubles = grouped(flown.warnings, flown.flight.record.epoch_ns if in_real_time else None)
+    """Print loops, latency and the recorder's losses, and the nodes' troubles, each once."""
+    if flown.flight.summary["loops"]:
+        print_timing(flown.flight.summary)
+    troubles = list(dict.fromkeys(f"{node}: {without_stamp(x)}" for node, x in flown.warnings))
     for trouble in troubles[:_WARNINGS]:
         print_line(trouble, "yellow")
     if len(troubles) > _WARNINGS:
-        print_line(f"... and {len(troubles) - _WARNINGS} more warnings", "yellow")
+        print_line(f"... and {len(troubles) - _WARNINGS} more warnings: nodes.log", "yellow")
     for end in flown.died:
         print_line(f"{end.name} has ended, {end.exit_text}; see nodes.log", "bold red")
 
 
-def _print_loops(loops: Mapping[str, Mapping[str, Any]]) -> None:
+def print_timing(metrics: Mapping[str, Any]) -> None:
+    """Print how late the loops began their runs, the latency, and the recorder's losses.
+
+    Args:
+        metrics: with the figures of `node_metrics`.
+    """
     rows = [
         (
             name,
-            _number(loop["rate_hz"], "Hz", 1),
-            _late(loop["jitter_p50_us"]),
-            _late(loop["jitter_p99_us"]),
-            _number(loop["missed"], "", 0),
+            _number(loop["rate_hz"], 3),
+            *(_late(loop[f"jitter_{share}_us"]) for share in ("p50", "p99")),
+            _number(loop["missed"], 0),
         )
-        for name, loop in loops.items()
+        for name, loop in metrics["loops"].items()
     ]
-    print_table(Table(("", "rate", "median late", "p99 late", "missed"), rows, title="Loops"))
-
-
-def grouped(warnings: Sequence[tuple[str, str]], epoch_ns: int | None) -> list[str]:
-    """Return one line for each (node, key): its first text, how often, and when it began.
-
-    Args:
-        warnings: node, and line of its log.
-        epoch_ns: when flight time is zero, on the clock of the logs; None: that is not known.
-    """
-    first: dict[tuple[str, str], tuple[str, float | None]] = {}
-    counts: Counter[tuple[str, str]] = Counter()
-    for node, line in warnings:
-        text = without_stamp(line)
-        found = _KEY.match(text)
-        # without a key two texts are the same if they differ in figures only
-        group = (node, found[0] if found else _FIGURE.sub("#", text))
-        counts[group] += 1
-        if group not in first:
-            stamp = _STAMP.match(line)
-            began = None
-            if stamp is not None and epoch_ns is not None:
-                began = float(stamp[1]) - epoch_ns * 1e-9
-            first[group] = text, began
-    lines = []
-    for (node, key), (text, began) in first.items():
-        count = counts[node, key]
-        notes = [f"{count} times"] if count > 1 else []
-        if began is not None:
-            notes.append(f"{'first ' if count > 1 else ''}at {began:.1f} s")
-        more = f" ({', '.join(notes)})" if notes else ""
-        lines.append(f"{node}: {text}{more}")
-    return lines
-
-
-def _latency(summary: Mapping[str, Any]) -> str:
-    latency = summary["latency_gyro_to_command_us"]
-    return (
-        f"Gyro to command: {_late(latency['p50'])} in the median, {_late(latency['p99'])} at 99 %"
-    )
-
-
-def _px4(figures: Mapping[str, Any]) -> str:
-    modes = ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in figures["modes"])
-    return (
-        f"PX4 {figures['firmware'] or ''}: {modes or 'no modes'}; armed for "
-        f"{figures['armed_duration_s']:.1f} s, mocap poses "
-        f"{_number(figures['mocap_latency_ms'], 'ms', 1)} old, "
-        f"{_number(figures['messages_in'], 'messages in', 0)}, "
-        f"{_number(figures['messages_out'], 'out', 0)}"
+    print_table(Table(("loop", "rate [Hz]", "late, median", "late, 99 %", "missed"), rows))
+    latency, recorder = metrics["latency_gyro_to_command_us"], metrics["recorder"]
+    print_line(
+        f"Gyro to command: {_late(latency['p50'])} in the median, {_late(latency['p99'])} at 99 %;"
+        f" {recorder['messages']} messages recorded, {recorder['lost']} lost."
     )
 
 
@@ -129,9 +71,9 @@ def print_verdict(summary: Mapping[str, Any]) -> None:
         print_line("The machine kept pace: the figures are those of the suite.")
 
 
-def _late(value: Any) -> str:
-    return "– us" if value is None else lateness_text(value)
+def _late(value: float | None) -> str:
+    return "–" if value is None else lateness_text(value)
 
 
-def _number(value: Any, unit: str, digits: int) -> str:
-    return f"– {unit}".rstrip() if value is None else f"{value:.{digits}f} {unit}".rstrip()
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tombo_bringup import PX4_OF_LAB
-from tombo_bringup.cli.options import OptionRule, option, record
+from tombo_bringup.cli.options import Rule, option, record
 
 if TYPE_CHECKING:
     from tombo_flight.suite.px4_connection import Px4Connection
@@ -15,18 +15,12 @@ OPTION = "--px4"
 SIMULATED = "sim"
 """Value of the option for a simulated PX4, with a lab file, too."""
 _URL = re.compile(r"[A-Za-z][\w+.-]*://|/dev/|$")
-PX4_SPEED = OptionRule(
-    "--speed {speed:g}", "speed", (), ("px4",), "without --px4, which is in real time"
+PX4_RULES: tuple[Rule, ...] = (
+    ("yes", ("px4",), ()),
+    ("bridge", ("px4",), ()),
+    ("model", (), ("px4 URL",)),
 )
-PX4_RULES = (
-    OptionRule("--yes and --bridge", "yes", ("px4",)),
-    OptionRule("--yes and --bridge", "bridge", ("px4",)),
-    OptionRule(
-        *("--model {model}", "model", (), ("px4_url",)),
-        "without --px4 URL, where no simulation flies",
-    ),
-)
-"""Of commands with this option; `px4_url` is the URL that is given."""
+"""Of commands with this option; no model is laid over what a URL leads to."""
 
 
 @record
@@ -51,6 +45,11 @@ class Px4Options:
     def url(self) -> str | None:
         """The URL that is given; None: PX4 is simulated, or does not fly."""
         return None if self.px4 in (SIMULATED, PX4_OF_LAB) else self.px4
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Name → value of these options, and of the URL, as `check_options` takes them."""
+        return {**vars(self), "px4 URL": self.url}
 
     def connection(self) -> Px4Connection | None:
         """Return the connection; None without PX4.

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from tombo_bringup.cli import options
+from tombo_bringup.cli.errors import printable
 from tombo_bringup.cli.options import command, option, record
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.tables import Scroll
     from tombo_flight.scenario import Scenario
     from tombo_px4.autopilot.parameters import ParameterTable
     from tombo_px4.autopilot.vehicle import Px4Vehicle
@@ -34,9 +34,6 @@ _ONBOARD_OFFSET, _GROUND_OFFSET = 40, 4030
 _HIGHEST = 65535
 _HERE = "127.0.0.1"
 _WARM_UP_TICKS = 60
-_RECENTLY_HEARD_US = 3_000_000
-_SEVERITY_COLOURED = 4
-"""MAV_SEVERITY_WARNING: this and graver is coloured."""
 
 
 @record
@@ -151,60 +148,25 @@ def _vehicle(scenario: Scenario, seed: int, table: ParameterTable) -> Px4Vehicle
 
 
 def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> None:
-    from tombo_bringup.cli.tables import scroll
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_px4.protocol.endpoint import serve
 
     limit_ns = None if duration_s is None else round(1e9 * duration_s)
     over = False
-    with StopSignals(signal.SIGHUP) as stop, scroll() as screen:
-        for line in lines:
-            screen.put(line)
+    with StopSignals(signal.SIGHUP) as stop:
+        print("\n".join(lines), flush=True)
 
         def on_step(boot_ns: int, slipped_ns: int) -> None:
             nonlocal over
-            _redraw(screen, endpoint, boot_ns, slipped_ns)
+            for _, text in endpoint.sent_texts:
+                print(f"{boot_ns * 1e-9:8.2f} s  {printable(text)}", flush=True)
+            endpoint.sent_texts.clear()
             over = limit_ns is not None and boot_ns + slipped_ns >= limit_ns
 
         slipped_ns = serve(
             endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), on_step
         )
-        for line in _end_lines(endpoint, slipped_ns):
-            screen.put(line)
-
-
-def state_line(endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> str:
-    """Return the vehicle's state in one line."""
-    from tombo_px4.modes import mode_name
-
-    v = endpoint.vehicle
-    x, y, z = (float(p) for p in v.estimate.position)
-    clients = [
-        f"{system}/{component}"
-        for (system, component), when in sorted(endpoint.heard_systems.items())
-        if v.boot_us - when < _RECENTLY_HEARD_US
-    ]
-    words = [
-        f"{boot_ns * 1e-9:7.1f} s",
-        f"{'armed' if v.armed else 'disarmed'}, {mode_name(v.mode)}, "
-        f"{v.landed.name.lower().replace('_', ' ')}",
-        f"x {x:.2f} y {y:.2f} z {z:.2f} m" if v.situation.local_position else "no position",
-        f"{v.battery.voltage:.1f} V {100.0 * v.battery.remaining:.0f} %",
-        f"heard {', '.join(clients)}" if clients else "no client connected",
-    ]
-    if slipped_ns:
-        words.append(f"{slipped_ns * 1e-9:.1f} s behind")
-    return " · ".join(words)
-
-
-def _redraw(scroll: Scroll, endpoint: Endpoint, boot_ns: int, slipped_ns: int) -> None:
-    """Print new texts, draw the state now and then; called hundreds of times a second."""
-    for severity, text in endpoint.sent_texts:
-        style = "yellow" if severity <= _SEVERITY_COLOURED else ""
-        scroll.put(f"{boot_ns * 1e-9:8.2f} s  {text}", style)
-    endpoint.sent_texts.clear()
-    if scroll.live is not None and scroll.due():
-        scroll.show(state_line(endpoint, boot_ns, slipped_ns))
+    print("\n".join(_end_lines(endpoint, slipped_ns)), flush=True)
 
 
 def _end_lines(endpoint: Endpoint, slipped_ns: int) -> Iterator[str]:

@@ -1,45 +1,35 @@
-"""Output of `tombo up`: a live table on a terminal, lines elsewhere, or JSON lines."""
+"""Output of `tombo up`: lines of text, or JSON lines."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
-from tombo_bringup.cli.tables import Scroll, scroll
+from tombo_bringup.cli.errors import printable
 
 if TYPE_CHECKING:
     from tombo_flight.suite.status_table import SuiteState
     from tombo_flight.suite.supervisor import ProcessExit
 
-
-@contextmanager
-def new_screen(as_json: bool) -> Iterator[Screen]:
-    """Make the screen that fits where standard output leads to."""
-    if as_json:
-        yield Screen(Scroll(None), as_json=True)
-        return
-    with scroll() as lines:
-        yield Screen(lines)
+STATUS_S: Final = 5.0
+"""Between two lines of the status."""
 
 
 class Screen:
-    """Lines of text, on a terminal a table below them; or a JSON object a line, by its event."""
+    """Prints what happens to a suite as text, or as a JSON object a line, by its event."""
 
-    def __init__(self, scroll: Scroll, *, as_json: bool = False) -> None:
-        self._scroll = scroll
+    def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
+        self._due_s = time.monotonic()
 
     def status(self, suite: SuiteState) -> None:
-        """Print the status now and then, or draw the table a few times a second; called often."""
-        from tombo_flight.suite.status_table import status_line, status_object, status_table
+        """Print the status now and then; called often."""
+        from tombo_flight.suite.status_table import status_line, status_object
 
-        if not self._scroll.due():
-            return
-        if self._scroll.live is not None:
-            self._scroll.draw(status_table(suite))
-        else:
+        if time.monotonic() >= self._due_s:
+            self._due_s = time.monotonic() + STATUS_S
             self._put(status_object(suite), status_line(suite))
 
     def warning(self, node: str, line: str) -> None:
@@ -47,23 +37,22 @@ class Screen:
         from tombo_flight.suite.node_log import without_stamp
 
         event = {"event": "warning", "node": node, "text": line}
-        self._put(event, f"{node}: {without_stamp(line)}", "yellow")
+        self._put(event, f"{node}: {without_stamp(line)}")
 
     def notice(self, text: str) -> None:
         """Print it."""
-        self._put({"event": "notice", "text": text}, text, "bold")
+        self._put({"event": "notice", "text": text}, text)
 
     def answer(self, answer: Mapping[str, Any]) -> None:
         """Print what the nodes said to a request."""
-        done, style = ("", "bold") if answer["success"] else (" refused", "bold red")
-        text = f"{answer['request']}{done}: {answer['message']}"
-        self._put({"event": "answer", **answer}, text, style)
+        done = "" if answer["success"] else " refused"
+        self._put({"event": "answer", **answer}, f"{answer['request']}{done}: {answer['message']}")
 
     def ended(self, end: ProcessExit, log: str) -> None:
         """Print that a node has ended by itself, with the last lines of its log."""
         words = "".join(f"\n  {line}" for line in end.last_log_lines)
         text = f"{end.name} has ended, {end.exit_text}; its log: {log}{words}"
-        self._put({"event": "ended", **_plain(end), "log": log}, text, "bold red")
+        self._put({"event": "ended", **_plain(end), "log": log}, text)
 
     def closing(self, ends: Sequence[ProcessExit], folder: str) -> None:
         """Print nodes that did not end as asked, and the folder of the files."""
@@ -71,14 +60,13 @@ class Screen:
         event = {"event": "closed", "folder": folder, "not_well": [_plain(e) for e in ends]}
         self._put(event, "\n".join([*lines, f"stopped; files in {folder}"]))
 
-    def _put(self, event: Mapping[str, Any], text: str, style: str = "") -> None:
+    def _put(self, event: Mapping[str, Any], text: str) -> None:
         from tombo_flight.json_text import plain
 
         if self._as_json:
             print(json.dumps(plain(event), ensure_ascii=False), flush=True)
-            return
-        for line in text.split("\n"):
-            self._scroll.put(line, style)
+        else:
+            print("\n".join(map(printable, text.split("\n"))), flush=True)
 
 
 def _plain(end: ProcessExit) -> dict[str, Any]:

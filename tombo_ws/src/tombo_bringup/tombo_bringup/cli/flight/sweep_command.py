@@ -9,7 +9,7 @@ import typer
 from tombo_bringup.cli import options
 from tombo_bringup.cli.flight.fly_command import parse_seeds
 from tombo_bringup.cli.options import argument, command, option, record
-from tombo_bringup.cli.result_files import Place, plain_name, run_sweep
+from tombo_bringup.cli.result_files import Place, new_run, plain_name, run_sweep
 
 app = typer.Typer()
 
@@ -18,9 +18,7 @@ SWEEP_EXIT_CODES = (
     "output that can't be written; 130 after Ctrl-C, 143 after SIGTERM: the same command with -o "
     "DIR goes on."
 )
-_RULES = (
-    options.OptionRule("--workers and --scheduler", "workers", (), ("scheduler",), "one of them"),
-)
+_RULES: tuple[options.Rule, ...] = (("workers", (), ("scheduler",)),)
 
 
 @record
@@ -66,7 +64,7 @@ def sweep(
     Batches of flights are on disk at once: killed, the same command with -o DIR goes on, flies
     nothing twice and gives the same table.
     """
-    options.check_options(_RULES, given, workers)
+    options.check_options(_RULES, {**vars(given), **vars(workers)})
     from tombo_flight.sweep.design import SweepDesign, parse_axis
     from tombo_flight.sweep.study import new_sweep
 
@@ -79,6 +77,6 @@ def sweep(
         variation.model,
         variation.vehicle,
     )
-    default = Path("runs") / f"sweep-{plain_name(given.scenario, 'scenario')}"
-    folder = Place(default, numbered=True) if place.output is None else Place(Path(place.output))
+    name = f"sweep-{plain_name(given.scenario, 'scenario')}"
+    folder = new_run(name) if place.output is None else Place(Path(place.output))
     run_sweep(study, folder, place.as_json, workers=workers.workers, scheduler=given.scheduler)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import signal
 import time
 from pathlib import Path
@@ -11,13 +10,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.flight.optional_url import (
-    PX4_RULES,
-    PX4_SPEED,
-    Px4Options,
-    expand_url_option,
-)
-from tombo_bringup.cli.options import OptionRule, command, option, record
+from tombo_bringup.cli.flight.optional_url import PX4_RULES, Px4Options, expand_url_option
+from tombo_bringup.cli.options import Rule, command, option, record
 
 if TYPE_CHECKING:
     from tombo_flight.suite.running import SuiteConfig
@@ -25,9 +19,10 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 MOST_VEHICLES = 9
-SEVERAL = (
-    OptionRule("--px4", "px4", (), ("vehicles",), "without --vehicles"),
-    OptionRule("--speed {speed:g}", "speed", (), ("vehicles",), "without --vehicles"),
+_RULES: tuple[Rule, ...] = (
+    *PX4_RULES,
+    ("speed", (), ("px4", "vehicles")),
+    ("px4", (), ("vehicles",)),
 )
 UP_EXIT_CODES = (
     "Exit code: 0 when it was stopped (Ctrl-C, SIGTERM, --duration), 1 when a node ended by "
@@ -83,12 +78,8 @@ def up(
 
     speed = 1.0 if pace.speed is None else pace.speed
     vehicles = more.vehicles or 0
-    given = {
-        "px4_url": px4.url,
-        "speed": None if speed == 1.0 else speed,
-        "vehicles": more.vehicles,
-    }
-    options.check_options((*PX4_RULES, PX4_SPEED, *SEVERAL), variation, px4, **given)
+    given = {"speed": None if speed == 1.0 else speed, "vehicles": more.vehicles}
+    options.check_options(_RULES, vars(variation) | px4.given | given)
     connection = px4.connection()
     changes, without = variation.changes, tuple(more.without or ())
     over = {} if connection is None else over_mavlink(connection)
@@ -100,7 +91,7 @@ def up(
         scenario=load_scenario(scene.scenario, changes, variation.model, variation.vehicle),
         seed=draw.seed or 0,
         folder=folder,
-        recording=_recording(folder),
+        recording={"output": str((folder / "bag").absolute())},
         speed=speed,
         domain=domain.domain,
         monitor=("--flight", "--mocap"),
@@ -114,33 +105,19 @@ def up(
             allowed = may_arm(connection, config.scenario, stop, yes=px4.yes, flies=flies)
     except Stopped:
         allowed = False
-    if allowed and place.output is None:
-        config = _in_new_folder(config)
     code = _watch(config, duration.duration, place.as_json) if allowed else 1
     raise typer.Exit(code)
-
-
-def _recording(folder: Path) -> dict[str, str]:
-    return {"output": str((folder / "bag").absolute())}
-
-
-def _in_new_folder(config: SuiteConfig) -> SuiteConfig:
-    """Make the folder, with a number where another suite has it."""
-    from tombo_flight.process.output_folder import make_numbered
-
-    config.folder.parent.mkdir(exist_ok=True)
-    folder = make_numbered(config.folder)
-    return dataclasses.replace(config, folder=folder, recording=_recording(folder))
 
 
 def _watch(config: SuiteConfig, duration_s: float | None, as_json: bool) -> int:
     """Run the suite until it is stopped, or nothing of it is left; return the exit code."""
     from tombo_bringup.cli.flight.keys import HELP, Keys
-    from tombo_bringup.cli.flight.suite_screen import new_screen
+    from tombo_bringup.cli.flight.suite_screen import Screen
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.suite.running import LOGS, RunningSuite
 
-    with StopSignals(signal.SIGHUP) as stop, new_screen(as_json) as screen, Keys() as keys:
+    screen = Screen(as_json=as_json)
+    with StopSignals(signal.SIGHUP) as stop, Keys() as keys:
         if keys.there:
             screen.notice(HELP)
         with RunningSuite(config) as suite:

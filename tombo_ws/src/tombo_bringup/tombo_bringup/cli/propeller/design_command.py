@@ -12,7 +12,7 @@ from tombo_bringup.cli.result_files import publish
 from tombo_propeller.design.limits import DesignLimits
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import ProgressCallback
+    from tombo_flight.progress import ProgressCallback
     from tombo_propeller.design.design import Design
     from tombo_propeller.design.flight_check import Recommendation
 

@@ -13,11 +13,11 @@ from tombo_bringup.cli.options import argument, option, record
 from tombo_bringup.cli.result_files import publish
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import ProgressCallback
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
+    from tombo_flight.progress import ProgressCallback
 
 _CONF, _LAW = 13, "repaired"
-_RULES = (options.OptionRule("--plain", "plain", (), ("conf", "law")),)
+_RULES: tuple[options.Rule, ...] = (("plain", (), ("conf", "law")),)
 
 
 @record
@@ -43,7 +43,7 @@ def diagnose(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from tombo_diagnosis.report.stand_page import STAND_FILES, stand_page, write_stand
 
-    options.check_options(_RULES, given, propeller, reading)
+    options.check_options(_RULES, {**vars(given), **vars(propeller)})
     publish(
         results,
         f"stand-{given.tables[0].name.split('.')[0]}",
@@ -81,7 +81,7 @@ def run(
         on_progress(f"reading {path.name}", k / len(stand.tables))
         read.append(read_stand(path, mapping))
     if all(t.mapping.model == "plain" for t in read):
-        options.check_options(_RULES, propeller, plain=True)
+        options.check_options(_RULES, {**vars(propeller), "plain": True})
     return diagnose_stand(
         read, number, formulas, stand.plain, on_progress, time.perf_counter, given
     )

@@ -14,6 +14,7 @@ from tombo_bringup.cli.propeller.design_command import design
 from tombo_bringup.cli.propeller.diagnose_command import diagnose
 from tombo_bringup.cli.propeller.recovery_command import recovery
 from tombo_bringup.cli.propeller.reproduce_command import reproduce
+from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
     from tombo_dynamics.propeller import Configuration, Operation
@@ -26,7 +27,8 @@ app = typer.Typer(
 )
 
 _MOST_ROWS = 100_000
-_FIELDS = ("thrust_N", "drag_N", "torque_Nm", "alpha_rad", "beta_rad", "gamma_rad")
+_ANGLES = ("alpha_rad", "beta_rad", "gamma_rad")
+_FIELDS = ("thrust_N", "drag_N", "torque_Nm", *_ANGLES, "lift_over_drag")
 _HEADINGS = (
     *("rpm", "thrust N", "drag N", "torque mN m"),
     *("alpha deg", "beta deg", "gamma deg", "L/D", "valid"),
@@ -54,7 +56,12 @@ def propeller(
     without a valid speed is an error.
     """
     if ctx.invoked_subcommand is not None:
-        _refuse_options_before(ctx, ctx.invoked_subcommand)
+        if any(
+            map(options.is_given, (*vars(which).values(), own.library, given.rpm, shown.as_json))
+        ):
+            raise InputError(
+                f"options before {ctx.invoked_subcommand} have no effect; accepted: behind it"
+            )
         return
     from tombo_dynamics.propeller import evaluate, valid_speed
 
@@ -75,27 +82,12 @@ def propeller(
         show_page(_page(points, speeds, chosen, law, limit), False)
 
 
-def _refuse_options_before(ctx: typer.Context, command: str) -> None:
-    """Refuse options that stand before a sub-command, which would not see them."""
-    from tombo_dynamics.errors import InputError
-
-    for parameter in ctx.command.params:
-        source = ctx.get_parameter_source(str(parameter.name))
-        if source is not None and source.name == "COMMANDLINE":
-            option = next(name for name in parameter.opts if name.startswith("--"))
-            raise InputError(
-                f"{option} before {command} has no effect; accepted: options of {command} after "
-                f"it, tombo propeller {command} --help"
-            )
-
-
 def parse_rpm(text: str) -> list[float]:
     """Return the speeds [rpm] that `A:B:STEP`, `A:B` (step 500) or `A` means, ends included.
 
     Raises:
         InputError: not of this form, beyond the highest speed of the model, or too many speeds.
     """
-    from tombo_dynamics.errors import InputError
     from tombo_dynamics.propeller import SPEED_LIMIT
 
     top = SPEED_LIMIT * _RPM
@@ -116,15 +108,16 @@ def parse_rpm(text: str) -> list[float]:
 
 def rows(points: Operation, speeds: list[float], conf: int, law: str) -> list[dict[str, Any]]:
     """Return one JSON object a speed; SI units and radians, null where the law is not valid."""
-    objects = []
-    for i, speed in enumerate(speeds):
-        valid = bool(points.valid[i])
-        values = {
-            name: float(getattr(points, name)[i]) if valid else None
-            for name in (*_FIELDS, "lift_over_drag")
+    return [
+        {
+            "law": law,
+            "conf": conf,
+            "rpm": speed,
+            **{n: float(getattr(points, n)[i]) if points.valid[i] else None for n in _FIELDS},
+            "valid": bool(points.valid[i]),
         }
-        objects.append({"law": law, "conf": conf, "rpm": speed, **values, "valid": valid})
-    return objects
+        for i, speed in enumerate(speeds)
+    ]
 
 
 def _default_speeds(limit: float) -> list[float]:
@@ -149,7 +142,7 @@ def _page(
                 f"{points.thrust_N[i]:.3f}",
                 f"{points.drag_N[i]:.3f}",
                 f"{points.torque_Nm[i] * 1e3:.1f}",
-                *(f"{math.degrees(getattr(points, name)[i]):.2f}" for name in _FIELDS[3:]),
+                *(f"{math.degrees(getattr(points, name)[i]):.2f}" for name in _ANGLES),
                 f"{points.lift_over_drag[i]:.4f}",
                 Cell("yes", "good"),
             ]

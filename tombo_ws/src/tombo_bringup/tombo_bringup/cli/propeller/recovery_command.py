@@ -19,12 +19,7 @@ class _Trace:
     time_unit: str | None = option(
         "--time-unit", "s, ms or us. Default: by the column's name, or s."
     )
-    tare: float = option(
-        "--tare X",
-        "What the unloaded cell reads, in the column's unit.",
-        0.0,
-        accepted="a number, in the column's unit",
-    )
+    tare: float = option("--tare X", "What the unloaded cell reads, in the column's unit.", 0.0)
 
 
 def recovery(given: _Trace, results: Results) -> None:

@@ -12,7 +12,7 @@ from tombo_bringup.cli.options import Copies, Force, option, record
 from tombo_bringup.cli.result_files import Place, compute_into
 
 if TYPE_CHECKING:
-    from tombo_bringup.cli.progress import ProgressCallback
+    from tombo_flight.progress import ProgressCallback
     from tombo_propeller.reproduce.reproduction import Reproduction
 
 
