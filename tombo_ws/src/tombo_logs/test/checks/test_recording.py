@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_flight import made_flight, with_series, with_values
+from made_flight import made_flight, poses_only, with_series, with_values
 
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import RefusedLog, Series
@@ -11,7 +11,7 @@ from tombo_logs.checks import check_log, findings_of
 
 FLIGHT = made_flight()
 POSE = ("position", "attitude")
-GROUPS = (POSE, ("gyro", "accel"), ("rotor_command",), ("rotor_speed",))
+GROUPS = (POSE, ("gyro", "accel"), ("rotor_command",), ("rotor_speed",), ("accel",))
 
 
 def later(log, names, seconds):
@@ -116,3 +116,20 @@ def test_few_zeros_of_one_sensor_are_left_out_and_many_take_the_channel(share, k
     if kept:
         flown = checked.series["rotor_speed"]
         assert (flown.values[(flown.t > 5.0) & (flown.t < 15.0)] > 50.0).all()
+
+
+def test_stamps_after_arrival_are_put_where_the_others_arrive():
+    poses = poses_only(FLIGHT)
+    late = {n: Series(s.t + 3.2, s.values, s.t + 0.01) for n, s in poses.series.items()}
+    checked = check_log(poses.with_series(late))
+    (said,) = keyed(checked.findings, "ahead of arrival")
+    assert said.numbers[0] == pytest.approx(-3.19) and said.channel == "position"
+    assert abs(checked.series["position"].t[0]) < 0.02
+
+
+def test_a_scale_below_one_is_no_zero():
+    """0.534 times its command begins like 0, and is another fault."""
+    slow = with_values(FLIGHT, "rotor_speed", lambda s: s * [1.0, 1.0, 0.534, 1.0])
+    checked = check_log(with_series(slow, rotor_command=None))
+    (said,) = [f for f in checked.findings if f.check == "rpm"]
+    assert said.key == "scale" and "rotor_speed" not in checked.series

@@ -226,3 +226,15 @@ def test_poses_alone_are_enough():
         ("missing", "rotor_speed"),
     ]
     assert all("can't be seen" in f.message for f in said)
+
+
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [(1.0005, "0.051 % fast"), (1.002, "0.2 % fast"), (0.98, "2 % slow"), (1.00002, "")],
+)
+def test_an_imu_clock_that_is_fast_or_slow_is_corrected(factor, text):
+    checked = check_log(clock(FLIGHT, factor, ("gyro", "accel")))
+    said = wrote(checked, "gyro: its clock is", text)
+    assert [(f.check, f.severity) for f in said] == [("stamps", "warning")] * bool(text)
+    for name in ("gyro", "accel"):
+        np.testing.assert_allclose(checked.series[name].t, FLIGHT.series[name].t, atol=0.001)

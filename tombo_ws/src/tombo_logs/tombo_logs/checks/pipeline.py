@@ -12,6 +12,7 @@ from tombo_bag.flight import Finding, Flight, RefusedLog, Series, why_left_out
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks import coverage, events, frozen_values, impacts, imu, poses, sensor_range
+from tombo_logs.checks.clocks.clock_rates import common_clock
 from tombo_logs.checks.clocks.gaps import gaps
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
 from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
@@ -80,6 +81,10 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     if motion is not None:
         poses.check_tilt(log.name, motion)
     findings += _rotor_sensors(log.name, series, known)
+    set_back = {f.channel for f in findings if f.check == "stamps" and f.severity == "fault"}
+    if motion is not None:
+        series, more = common_clock(log.name, series, motion, frozenset(set_back))
+        findings += more
     uncovered, more = _limit_spans(log.name, series, flown, down)
     findings += more
     excluded = [*log.exclude, *uncovered]
@@ -261,7 +266,7 @@ def _rotor_sensors(flight: str, series: dict[str, Series], apart: list[Span]) ->
     wide = [(b - _NEAR_GROUND_S, e + _NEAR_GROUND_S) for b, e in apart]
     flying = _flying(speed, wide) & inside(speed.t, [_extent(series["position"])])
     replaced = any(name in series for name in DRIVES)
-    kept, findings = sensor_faults(flight, speed, flying, replaced)
+    kept, findings = sensor_faults(flight, speed, series.get("rotor_command"), flying, replaced)
     if kept is not None:
         series["rotor_speed"] = kept
     return findings

@@ -16,11 +16,12 @@ from scipy.signal import correlate
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.vehicle import ARM_X, ARM_Y
+from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY
 from tombo_logs.checks.clocks.gaps import gap_spans
 from tombo_logs.checks.even_flight import (
     RATE,
     EvenFlight,
+    accelerations,
     beside_poses,
     body_rates,
     unit_rows,
@@ -49,6 +50,8 @@ _OUTLIER: Final = 5.0
 """Times their usual size up to which values count: a blow is not a course."""
 _MOMENTS: Final = np.array([ARM_Y, -ARM_X])
 """Rows: moment of a rotor's thrust about body x and y."""
+_AHEAD_S: Final = 0.002
+"""s by which stamps may be later than arrival: two clocks that are kept together are so close."""
 _SIGNAL: Final = "signal"
 """Channel (N, k): the motion as a sensor sees it, on an even clock of `RATE`; valid: measured."""
 
@@ -180,6 +183,18 @@ def _rates(attitude: Series) -> EvenFlight | None:
     return _signal(t, body_rates(q, np.gradient(q, 1.0 / RATE, axis=0)), turns)
 
 
+def _force(series: Mapping[str, Series], name: str) -> EvenFlight | None:
+    """Return the size of the specific force (N, 1), of the accelerometer or of the track."""
+    t = _even(series[name])
+    if not t.size:
+        return None
+    if name == "accel":
+        force = beside_poses(series[name], t)
+    else:
+        force = accelerations(series[name], t) + np.array([0.0, 0.0, GRAVITY])
+    return _signal(t, np.linalg.norm(force, axis=1)[:, None], series[name])
+
+
 def _turning(rates: EvenFlight | None) -> EvenFlight | None:
     """Return the acceleration about body x and y (N, 2), each over its own size."""
     if rates is None:
@@ -215,10 +230,10 @@ def one_clock(
 
     The clock is that of the IMU, for the poses come from elsewhere; without an IMU that of the
     poses. Where all others agree on another clock, the IMU is moved to theirs: channels without
-    motion, as the voltage, stay where they are.
+    motion, as the voltage, stay where they are. Where the motion shows no offset, arrival is used.
     """
     series = dict(series)
-    findings: list[Finding] = []
+    findings = _by_arrival(flight, series)
     seen: list[tuple[list[str], Match]] = []
 
     def align(names: list[str], first: EvenFlight | None, other: EvenFlight | None) -> None:
@@ -229,9 +244,13 @@ def one_clock(
                 _shift(series, names, -compared.lag)
 
     imu: list[str] = [name for name in ("gyro", "accel") if name in series]
+    if len(imu) == 2 and not _together(series, imu):
+        align(["accel"], *_pair(series, "accel"))
+        imu = ["gyro"]
+    if imu and "position" in series:
+        poses: list[str] = [name for name in ("position", "attitude") if name in series]
+        align(poses, *_pair(series, imu[0])[::-1])
     rates = _channel(series["gyro"]) if "gyro" in series else None
-    if "gyro" in series and "attitude" in series:
-        align(["position", "attitude"], rates, _rates(series["attitude"]))
     if rates is None and "attitude" in series:
         rates = _rates(series["attitude"])
     for name in DRIVES:
@@ -253,6 +272,21 @@ def _shift(series: dict[str, Series], names: Iterable[str], seconds: float) -> N
         series[name] = replace(series[name], t=series[name].t + seconds)
 
 
+def _pair(series: Mapping[str, Series], name: str) -> tuple[EvenFlight | None, EvenFlight | None]:
+    """Return the same quantity from the poses and from a channel of the IMU."""
+    if name == "gyro" and "attitude" in series:
+        return _rates(series["attitude"]), _channel(series["gyro"])
+    if name == "accel" or "accel" in series:
+        return _force(series, "position"), _force(series, "accel")
+    return None, None
+
+
+def _together(series: Mapping[str, Series], names: Iterable[str]) -> bool:
+    """Return whether channels begin and end within a delay of each other."""
+    ends = np.array([[series[name].t[0], series[name].t[-1]] for name in names])
+    return bool((np.ptp(ends, axis=0) < DELAY_S).all())
+
+
 def _offset_findings(flight: str, names: list[str], seen: Match) -> list[Finding]:
     """Report a clock that is not that of the compared channels, or one that can't be known."""
     if seen.is_one_clock:
@@ -271,3 +305,34 @@ def _offset_findings(flight: str, names: list[str], seen: Match) -> list[Finding
             "those of the other channels for the same motion: another clock; corrected by that"
         )
     return [Finding("stamps", severity, flight, text, channel=names[0], key=key, numbers=numbers)]
+
+
+def _by_arrival(flight: str, series: dict[str, Series]) -> list[Finding]:
+    """Report stamps that are later than the arrival of their messages: no sample is from then.
+
+    Those that are far off are put where the arrival of the other channels has them.
+    """
+    late = {
+        name: float(np.nanmedian(s.arrival - s.t))
+        for name, s in series.items()
+        if s.arrival is not None and np.isfinite(s.arrival - s.t).any()
+    }
+    usual = float(np.median([x for x in late.values() if x >= -_AHEAD_S] or [0.0]))
+    ahead: dict[float, list[str]] = {}
+    for name, latency in late.items():
+        if latency < -_AHEAD_S:
+            ahead.setdefault(round(latency, 4), []).append(name)
+    findings = []
+    for latency, names in ahead.items():
+        text = (
+            f"{', '.join(names)}: stamps are {-latency:.3g} s later than the arrival of the "
+            "messages; expected: earlier, by the latency; another clock"
+        )
+        if usual - latency > DELAY_S:
+            _shift(series, names, latency - usual)
+            text += "; corrected by the times of arrival"
+        findings.append(
+            Finding("stamps", "warning", flight, text, channel=names[0], key="ahead of arrival",
+                    numbers=(latency,))
+        )  # fmt: skip
+    return findings

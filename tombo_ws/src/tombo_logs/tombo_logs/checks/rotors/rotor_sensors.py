@@ -1,4 +1,4 @@
-"""Each rotor's speed against the other rotors: faults of one sensor."""
+"""Each rotor's speed against its own command and the other rotors: faults of one sensor."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ROTOR_NAMES
-from tombo_logs.checks.spans import Mask, runs, sample_interval
+from tombo_logs.checks.spans import Mask, interpolated, runs, sample_interval
 
 _NOTHING, _TURNS = 0.1, 0.5
 """Share of a rotor's usual speed below which it reads nothing, and above which it turns: a rotor
@@ -19,16 +19,23 @@ _MAX_ZERO_SHARE, _MAX_ZERO_SHARE_REPLACED = 0.3, 0.03
 could replace them."""
 _STUCK_S = 0.25
 """s for which a rotor's reading may stay the same while the others change."""
+_OFF_COMMAND = 0.07
+"""Share by which the ratio of speed to command may differ between rotors: several times what
+sound speed controllers leave."""
+_OFF_PEERS = (0.75, 1.33)
+"""Ratio of a rotor's speed to the other rotors' where no command is known: a centre of gravity
+2 cm off, or a propeller that lost a third of its thrust, stays within."""
 
 
 def sensor_faults(
-    flight: str, speed: Series, flying: Mask, replaced: bool
+    flight: str, speed: Series, command: Series | None, flying: Mask, replaced: bool
 ) -> tuple[Series | None, list[Finding]]:
     """Return the speeds that can be used, None for none, and the faults of single sensors.
 
     Args:
         flight: name.
         speed: measured.
+        command: rotor speeds that were asked for.
         flying: (N,) rows of `speed` in flight.
         replaced: another channel shows the rotors.
     """
@@ -37,6 +44,7 @@ def sensor_faults(
     values = speed.values[flying]
     zeros = lone_zeros(values, _usual(values))
     faults = [*_zeros(values, zeros), *_stuck(speed.t[flying], values, zeros)]
+    faults += _scales(speed, command, flying, zeros)
     if not faults:
         return speed, []
     few = all(key == "zeros" for key, *_ in faults)
@@ -104,4 +112,34 @@ def _stuck(t: Array, values: Array, zeros: Mask) -> list[Fault]:
                 f"{(end - begin) * step:.2f} s from {t[begin]:.2f} s on"
             )
             faults.append(("stuck", name, (end - begin) * step, text))
+    return faults
+
+
+def _scales(speed: Series, command: Series | None, flying: Mask, zeros: Mask) -> list[Fault]:
+    """Report rotors whose scale differs from that of the others."""
+    if command is not None and command.t.size > 10:
+        covered = (speed.t[flying] >= command.t[0]) & (speed.t[flying] <= command.t[-1])
+        asked = interpolated(speed.t[flying], command.t, command.values)
+        against, low, high = "its command", 1.0 - _OFF_COMMAND, 1.0 + _OFF_COMMAND
+    else:
+        covered = np.ones(np.count_nonzero(flying), np.bool_)
+        asked = np.ones((covered.size, 4))
+        against, (low, high) = "the speed expected", _OFF_PEERS
+    ratio = np.full(4, np.nan)
+    for i in range(4):
+        rows = covered & ~zeros[:, i] & (asked[:, i] > 0.0)
+        if np.count_nonzero(rows) >= 50:
+            ratio[i] = np.median(speed.values[flying][rows, i] / asked[rows, i])
+    if np.isfinite(ratio).sum() < 3:
+        return []
+    faults: list[Fault] = []
+    for i, name in enumerate(ROTOR_NAMES):
+        relative = ratio[i] / np.nanmedian(np.delete(ratio, i))
+        if not low <= relative <= high and np.isfinite(relative):
+            mean_speed = f"{speed.values[flying][:, i].mean():.0f} rad/s on average"
+            text = (
+                f"reads {relative:.3g} times {against}, measured by the other rotors "
+                f"({mean_speed}): its sensor's scale"
+            )
+            faults.append(("scale", name, float(relative), text))
     return faults
