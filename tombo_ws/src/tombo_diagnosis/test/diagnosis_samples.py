@@ -100,12 +100,8 @@ SCORES = (
     Score("quadratic_body_drag", 0.86, 790.1, 0.012, True, "less likely: fits fast circles only"),
     Score("steady_wind", 0.02, -4.1, 0.0006, True),
     Score("mass_error", 0.0, -6.0, 0.0001, True, "the same as thrust_coefficient_error in force"),
-    Score("imu_bias", 0.01, -5.2, 0.0002, True),
     Score("motor_lag", -0.01, -7.7, 0.0, True),
-    Score("battery_sag", 0.004, -6.4, 0.0, True),
-    Score("cog_offset", 0.0, -6.9, 0.0, True),
     Score("ground_effect", math.nan, math.nan, 0.0, False, "never below two rotor diameters"),
-    Score("suspended_load", 0.0, -8.0, 0.0, False, "no swing was flown"),
 )
 PRECHECKS = (
     Finding("stamps", "info", "circle_1", "position: 2 of 3000 stamps repeat, dropped"),

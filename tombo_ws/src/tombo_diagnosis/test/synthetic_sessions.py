@@ -28,7 +28,7 @@ class Vehicle:
         flights = []
         for _ in range(count):
             own = rng.normal(0.0, (*[0.007] * 4, 0.05, 0.05, 0.2, 0.006, 0.006))
-            flights.append(Features.of(self.base + day + own + shift, 1.2))
+            flights.append(Features(self.base + day + own + shift, 1.2))
         return flights
 
 

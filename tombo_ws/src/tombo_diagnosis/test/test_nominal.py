@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.flight.nominal import (
-    SCATTER_LABEL,
-    held_against,
-    nominal_model,
-    nominal_tolerances,
-    parameters,
-)
-from tombo_dynamics.effects import REGISTRY
+from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import hover_point
 from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin
@@ -38,13 +31,6 @@ def test_a_model_file_extends_it(tmp_path):
     path = tmp_path / "model.yaml"
     write_model(path, Model((DRAG,), ORIGIN))
     assert nominal_model(path).effects["linear_rotor_drag"]["d_xy"] == 0.5
-
-
-def test_a_model_of_another_vehicle_is_not_flown(tmp_path):
-    path = tmp_path / "model.yaml"
-    write_model(path, Model((DRAG,), replace(ORIGIN, vehicle="Crazyflie 2.1")))
-    with pytest.raises(InputError, match=r"another vehicle \(Crazyflie 2\.1\)"):
-        load_scenario("hover", model=str(path))
 
 
 VEHICLE = """
@@ -80,23 +66,6 @@ def test_the_model_and_the_tolerances_of_a_vehicle_file_are_used(tmp_path):
     assert known["inertia_error.xx"] == usual["inertia_error.xx"]
     for p in nominal.parameters:
         assert p.scale > 2.0 * p.tolerance, p.label
-
-
-def test_tolerances_are_the_spread_that_each_effect_registers():
-    told, own = nominal_tolerances(nominal_model()), parameters()
-    for effect in REGISTRY.values():
-        for p in effect.theta:
-            label = f"{effect.name}.{p.name}"
-            if label != SCATTER_LABEL:
-                assert told.get(label, 0.0) == pytest.approx(effect.tolerance(p)), label
-    assert {p.tolerance for p in own if p.effect == "hanging_load"} == {0.0}
-
-
-def test_the_suites_own_vehicle_by_name_is_the_default():
-    named, own = nominal_model(vehicle="tombo_s500"), nominal_model()
-    assert (named.vehicle, named.effects, named.parameters, named.vehicle_name) == (
-        own.vehicle, own.effects, own.parameters, "",
-    )  # fmt: skip
 
 
 def test_logs_without_rotor_speeds_take_the_airframe_of_the_file():

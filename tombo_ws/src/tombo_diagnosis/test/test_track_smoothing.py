@@ -9,12 +9,10 @@ from tombo_diagnosis.track_smoothing import position_noise, smooth_track
 NOISE = 0.001
 
 
-def circle(rate, rng, uneven=0.0, gap=False):
+def circle(rate, rng, uneven=0.0):
     """Positions on a circle of 1 m, once round in 3 s, and the acceleration at any time."""
     t = np.arange(0.0, 6.0, 1.0 / rate)
     t = t + uneven / rate * rng.uniform(-0.5, 0.5, t.size)
-    if gap:
-        t = t[(t < 2.0) | (t > 2.6)]
     w = 2.0 * np.pi / 3.0
     place = np.column_stack([np.cos(w * t), np.sin(w * t), 0.0 * t + 1.0])
     series = Series(t, place + NOISE * rng.standard_normal(place.shape))
@@ -31,15 +29,6 @@ def test_acceleration_of_a_circle_is_right_within_its_covariance(rate, uneven):
     assert np.sqrt(np.mean(off**2)) < 0.5
     assert np.mean(np.abs(off) < 2.0 * deviation) > 0.9
     assert track.t.size <= 601  # faster positions are averaged
-
-
-def test_a_gap_is_bridged_and_says_that_it_is_not_known():
-    series, _ = circle(100.0, np.random.default_rng(2), gap=True)
-    track = smooth_track(series)
-    deviation = np.sqrt(track["covariance"].values[:, 2, 2])
-    beside = np.argmin(np.abs(track.t - 2.0))
-    assert deviation[beside] > 1.3 * np.median(deviation)
-    assert np.isfinite(track["velocity"].values).all()
 
 
 def test_a_bounce_is_seen_at_its_time():

@@ -83,18 +83,12 @@ def _short(value: float) -> str:
 
 def interval(fitted: FittedParameter) -> tuple[str, str, str]:
     """Return value, low and high with the decimals that the width of the interval allows."""
+    ends = fitted.value, fitted.low, fitted.high
     width = fitted.high - fitted.low
-    if not (math.isfinite(width) and width > 0.0):
-        return figure(fitted.value), figure(fitted.low), figure(fitted.high)
-    decimals = -math.floor(math.log10(width / 4.0))
-
-    def shown(x: float) -> str:
-        if decimals > 5:
-            return figure(x, max(3, 2 + _magnitude(fitted.value) - _magnitude(width)))
-        return f"{x:.{max(decimals, 0)}f}".replace("-", "−") if math.isfinite(x) else DASH
-
-    return shown(fitted.value), shown(fitted.low), shown(fitted.high)
-
-
-def _magnitude(value: float) -> int:
-    return math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0
+    decimals = 9
+    if math.isfinite(width) and width > 0.0:
+        decimals = max(-math.floor(math.log10(width / 4.0)), 0)
+    value, low, high = (
+        f"{x:.{decimals}f}".replace("-", "−") if decimals < 6 else figure(x) for x in ends
+    )
+    return value, low, high

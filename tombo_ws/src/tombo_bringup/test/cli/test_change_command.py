@@ -74,7 +74,6 @@ def test_a_fault_of_a_log_leads_the_answer(tombo):
     first = " ".join(result.out.split())
     assert first.startswith("Fault in the log degrees; nothing has changed")
     assert "gyro: rates of" in first and "gyro and accel are left out" in first
-    assert first.index("gyro and accel are left out") < first.index("What can’t be certified")
     swapped = tombo("diagnose", "swapped.csv", "--healthy", before)
     assert swapped.code == 2 and swapped.err.count("\n") == 1
     for words in ("flight 'swapped'", "rotor_command", "turns the vehicle otherwise"):

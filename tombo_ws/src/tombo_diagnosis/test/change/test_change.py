@@ -9,17 +9,13 @@ from measured_flights import logs as flown
 from measured_flights import nominal
 
 from tombo_bag.flight import Series
-from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
-from tombo_diagnosis.flight.diagnose import check_flights
+from tombo_diagnosis.change.diagnose import diagnose_change
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.rotor_maps import rotor_thrust, speed_for_thrust
-from tombo_dynamics.vehicle import GRAVITY
 
 pytestmark = pytest.mark.slow
 
 logs = partial(flown, length=22.0)
 """A share of the demand is compared: it takes its time, and no fit."""
-GENTLE = ([{"x": 0.3, "speed": 0.3, "acceleration": 0.5}, {"x": -0.3}, {"y": 0.3}],)
 COURSE = ([{"x": 1.0, "speed": 1.0, "acceleration": 2.0}, {"x": -1.0}, {"y": 0.8}, {"y": 0.0}],)
 
 
@@ -111,13 +107,6 @@ def at_speeds_times(log, factor):
     return log.with_series({**log.series, "rotor_speed": Series(speed.t, factor * speed.values)})
 
 
-def propeller_exponent():
-    """How thrust of the suite's propeller grows with speed, about hover."""
-    maps, weight = nominal().maps, nominal().vehicle.mass * GRAVITY
-    slow, fast = (speed_for_thrust(maps, share * weight / 4.0) for share in (0.95, 1.05))
-    return np.log(rotor_thrust(maps, fast) / rotor_thrust(maps, slow)) / np.log(fast / slow)
-
-
 @pytest.mark.parametrize(("share", "channels"), [(0.1, {"rotor_speed"}), (0.2, {"rotor_command"})])
 def test_more_demand_is_found_without_an_imu(share, channels):
     healthy = only(before(), POSES | channels)
@@ -129,27 +118,6 @@ def test_more_demand_is_found_without_an_imu(share, channels):
     assert set(result.set) == {"mass_error", "thrust_coefficient_error"}
     mass = members(result)["mass_error", ""].theta[0]
     assert mass.low < share < mass.high and mass.value == pytest.approx(share, rel=0.25)
-
-
-def test_a_third_more_demand_is_found_from_position_and_speeds_alone():
-    """So much more that the simulated vehicle would not hold its height: faster rotors instead."""
-    healthy = only(before(), {"position", "rotor_speed"})
-    new = only(logs(seed=7, count=2, courses=COURSE), {"position", "rotor_speed"})
-    faster = [at_speeds_times(log, 1.33 ** (1.0 / propeller_exponent())) for log in new]
-    result = compared(faster, healthy)[0]
-    mass = members(result)["mass_error", ""].theta[0]
-    assert mass.low < 0.33 < mass.high and mass.value == pytest.approx(0.33, rel=0.25)
-
-
-@pytest.mark.parametrize(
-    ("course", "channels"),
-    [(GENTLE, POSES), (COURSE, POSES | {"accel", "gyro"})],
-    ids=["gentle, poses", "course, imu"],
-)
-def test_the_exponent_of_measured_speeds_is_that_of_the_propeller(course, channels):
-    healthy = only(logs(seed=1, count=3, courses=course), channels | {"rotor_speed"})
-    curve = compared(healthy[:1], healthy[1:])[1].curve
-    assert curve.exponent == pytest.approx(propeller_exponent(), rel=0.12)
 
 
 def test_none_states_the_smallest_change_that_would_have_been_seen():
@@ -171,14 +139,6 @@ def _times(log, factor):
     return Series(command.t, factor * command.values)
 
 
-def test_less_demand_is_reported_as_a_share_and_not_as_a_logarithm():
-    new = [at_speeds_times(log, 0.5) for log in only(before(), POSES | {"rotor_speed"})[:1]]
-    new = [replace(new[0], name="slow")]
-    result, data = compared(new, only(before()[1:], POSES | {"rotor_speed"}))
-    less = float(result.summary.split(" % less")[0].split()[-1])
-    assert less == pytest.approx(100.0 * (1.0 - 0.5**data.curve.exponent), abs=8.0)
-
-
 def test_a_flight_that_never_leaves_the_ground_is_reported_not_to_fly():
     log = at_speeds_times(before()[0], 0.3)
     position = log.series["position"]
@@ -187,24 +147,6 @@ def test_a_flight_that_never_leaves_the_ground_is_reported_not_to_fly():
     idle = replace(log.with_series({**log.series, "position": still}), name="idle")
     with pytest.raises(InputError, match=r"flight 'idle': it does not fly: .*rotor_speed"):
         compared([idle], before())
-
-
-def test_flights_are_checked_as_in_a_diagnosis_against_the_model():
-    """Poses that freeze are set apart; a gyro in degrees is out, and both are reported."""
-    log = before()[0]
-    frozen, degrees = dict(log.series), dict(log.series)
-    for name in POSES:
-        s = log.series[name]
-        held = np.interp(s.t, [0.0, 6.0, 7.5, 99.0], [0.0, 6.0, 6.0, 99.0])
-        rows = np.searchsorted(s.t, np.where((s.t > 6.0) & (s.t < 7.5), held, s.t)) % s.t.size
-        frozen[name] = Series(s.t, s.values[rows])
-    degrees["gyro"] = Series(log.series["gyro"].t, np.degrees(log.series["gyro"].values))
-    new = [replace(log.with_series(s), name=n) for n, s in (("ice", frozen), ("deg", degrees))]
-    checked, left_out = check_flights(new, needed=NEEDED)
-    healthy = check_flights(before()[1:], needed=NEEDED)[0]
-    result = compared(checked, healthy, left_out=left_out)[0]
-    faults = {(f.flight, f.check) for f in result.prechecks if f.severity == "fault"}
-    assert {("ice", "frozen"), ("deg", "unit")} <= faults
 
 
 def test_another_set_of_propellers_each_day_hides_a_weak_one():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tombo_diagnosis.change.signatures import candidates, effects_of, hover_thrust
+from tombo_diagnosis.change.signatures import effects_of, hover_thrust
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
 
@@ -31,15 +31,3 @@ def test_a_weak_propeller_asks_for_more_of_its_own_rotor_alone(nominal, rotor):
     k = ROTOR_NAMES.index(rotor)
     assert ratio[k] == pytest.approx(1.0 / 0.9, rel=2e-3)
     assert np.delete(ratio, k) == pytest.approx(np.ones(3), abs=2e-3)
-
-
-def test_every_candidate_hovers_and_asks_for_its_own_command(nominal):
-    result = {
-        c.label: c.demand[-1]
-        for c in candidates(nominal.vehicle, nominal.maps, np.array([0.05]))
-        if c.effect in ("weak_propeller", "added_weight", "mass_error")
-    }
-    assert len(result) == 15  # a rotor or two weak, a weight at each, the mass
-    for one, demand in result.items():
-        for other, another in result.items():
-            assert one == other or np.abs(demand - another).max() > 0.005

@@ -1,7 +1,7 @@
 """The items of a report about the controller."""
 
 from tombo_diagnosis.control.controller import ControllerReport
-from tombo_diagnosis.report.controller_items import controller_items
+from tombo_diagnosis.report.page import controller_items
 
 
 def test_a_controller_that_has_not_changed_is_named_once():

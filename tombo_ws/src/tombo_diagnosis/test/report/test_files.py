@@ -90,23 +90,3 @@ def test_a_named_cause_leaves_a_model_that_can_be_read(tmp_path):
 
 def test_a_set_leaves_no_model(tmp_path):
     assert write(tmp_path / "o", short("set"), pictures=False) == {"diagnosis.json"}
-
-
-@pytest.mark.slow
-def test_a_failure_half_way_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
-    from tombo_diagnosis.report import files
-
-    target = tmp_path / "o"
-    write(target, short("set"), pictures=False)
-    before = {p: p.read_bytes() for p in target.rglob("*")}
-
-    def bug(path, page):
-        raise RuntimeError("a bug")
-
-    monkeypatch.setattr(files, "write_page", bug)
-    with pytest.raises(RuntimeError, match="a bug"):
-        write(target, short(), replace=True)
-    assert {p: p.read_bytes() for p in target.rglob("*")} == before
-    with pytest.raises(RuntimeError, match="a bug"):
-        write(tmp_path / "new" / "deep", short())
-    assert {p.name for p in tmp_path.iterdir()} == {"o"}

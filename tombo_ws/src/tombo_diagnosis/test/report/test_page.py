@@ -102,12 +102,7 @@ def test_nothing_known_is_shown_as_a_dash_not_as_a_number():
 @pytest.mark.parametrize(
     "empty",
     [
-        Diagnosis("none", (), (), None, (), (), (), (), (), 0.9, "Nothing."),
         Diagnosis("unknown", (), (), None, (), (), (), (), (), math.nan, ""),
-        Diagnosis(
-            "none", (), (), None, (), (), (), (),
-            (Residual("a", "x", "m", *(np.zeros(0),) * 3, 0.1, {}),), 0.9, "No samples.",
-        ),
         Diagnosis(
             "unknown", (), (), None, (), (), (), (),
             (Residual("a", "x", "m", *(np.ones(1),) * 3, 0.0, {"v": np.ones(1)}),), 0.9, "One.",
@@ -121,20 +116,6 @@ def test_a_diagnosis_of_nearly_nothing_is_a_page(empty):
 @pytest.mark.slow
 def test_the_page_of_many_flights_stays_small():
     assert len(diagnosis_html(sample(flights=20, seconds=100.0)).encode()) < 1_500_000
-
-
-@pytest.mark.slow
-def test_the_residual_that_was_removed_is_drawn_before_and_after(html):
-    drawn = re.findall(r'<path d="([^"]*)"[^>]*stroke: var\(--(vermillion|blue)\)', html)
-    assert {colour for _, colour in drawn} == {"vermillion", "blue"}
-
-    def span(path: str) -> float:
-        heights = [float(y) for y in re.findall(r"[ML] [\d.-]+ ([\d.-]+)", path)]
-        return max(heights) - min(heights)
-
-    against_time = [(span(path), colour) for path, colour in drawn if path.count("L") > 100]
-    first = {colour: size for size, colour in reversed(against_time)}
-    assert first["vermillion"] > 2 * first["blue"]
 
 
 def test_without_a_cause_the_page_says_what_would_have_been_seen():

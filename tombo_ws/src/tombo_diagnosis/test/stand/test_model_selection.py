@@ -1,15 +1,11 @@
 """Hidden effects are found, told as a set where nothing tells them, and not made up."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import stands
 
-from tombo_diagnosis.engine.model import Hypothesis
-from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.engine.separation import separating_experiment
-from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, analyse, fit_residual_curves
+from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, analyse
 from tombo_diagnosis.stand.causes import estimate_cause, held_out, scores
 from tombo_diagnosis.stand.problem import StandProblem
 from tombo_diagnosis.stand.summary_text import repeats
@@ -139,28 +135,6 @@ def test_runs_that_differ_by_a_share_are_no_speed_noise(share, channels):
     assert percent == pytest.approx(100.0 * share, abs=0.4)
 
 
-def test_runs_that_agree_are_reported_to():
-    result = analyse(again(0.0)(1, 0))
-    assert result.judgement.verdict == "none"
-    assert "agree within" in repeats(result.problem)[0]
-
-
-def test_levels_of_runs_keep_speed_noise_from_taking_their_place():
-    """The gate: with noise made to fit, a level for each run still explains more."""
-    problem = StandProblem(again(0.1)(1, 0))
-    noise = fit_hypotheses(problem, (Hypothesis("speed_noise", (), 4.0),))
-    left, alone = (fit_residual_curves(problem, noise.fit, by_run) for by_run in (True, False))
-    assert left.evidence > LOG_BF_CURVES > alone.evidence
-
-
-def test_speed_noise_stays_speed_noise_with_two_runs():
-    s = stands.setup(confs=(13,), runs=2, loads=False)
-    rng = np.random.default_rng(4)
-    drawn = replace(Draws.none(s), point=rng.standard_normal(s.speed.size))
-    result = analyse(stands.read(s, {"speed_noise": (0.02,)}, 2, 1, draws=drawn))
-    assert result.judgement.effects == ("speed_noise",)
-
-
 def test_what_the_model_has_and_these_runs_have_not_is_found_with_both_values():
     base = {"thrust_tare": (0.147,)}
     [cause] = causes(analyse(stands.read(SETUP, {}, seed=7), base=base))
@@ -188,15 +162,6 @@ def test_an_effect_that_no_channel_shows_is_not_excited():
     blind = {c.effect for c in scores(result, {}) if not c.excited}
     assert {"torque_gain", "torque_tare", "angle_offset"} <= blind
     assert "thrust_gain" not in blind
-
-
-def test_the_order_of_runs_does_not_matter():
-    points = stands.read(SETUP, {"air_density": (0.1,)}, seed=8)
-    order = np.argsort(-SETUP.run, kind="stable")
-    turned = points.only(order)
-    one, two = analyse(points), analyse(turned)
-    assert one.judgement.effects == two.judgement.effects
-    assert one.search.best.evidence == pytest.approx(two.search.best.evidence, abs=1e-6)
 
 
 def test_a_name_is_withheld_where_free_curves_find_more_beside_it():

@@ -156,7 +156,7 @@ def _spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str) 
         none = np.zeros_like(flight)
         return Spread(mean_of(near), none, flight, degrees, len(near), n)
     session = (moved.T @ moved + _PRIOR_SESSIONS * prior) / (_PRIOR_SESSIONS + n - 1.0)
-    mean = Features.of(middle, mean_of(healthy).supply)
+    mean = Features(middle, mean_of(healthy).supply)
     return Spread(mean, session, flight, SESSION_DEGREES + n - 1.0, count, n)
 
 
@@ -179,7 +179,7 @@ def compare(
         larger demand is known to that share, its presence is not.
     """
     now = mean_of(new)
-    shift = Features.of(now.vector - spread.mean.vector, now.supply - spread.mean.supply)
+    shift = Features(now.vector - spread.mean.vector, now.supply - spread.mean.supply)
     scale = spread.scale(len(new))
     if math.isfinite(shift.supply):
         scale[:4, :4] += (supply_doubt * shift.supply) ** 2
@@ -225,7 +225,7 @@ def smallest_seen(
     supply = mean_of(new).supply
 
     def is_seen(demand: Array) -> bool:
-        shown = replace(spread.mean, demand=spread.mean.demand + demand, supply=supply)
+        shown = Features(spread.mean.vector + np.append(demand, np.zeros(5)), supply)
         return compare(spread, [shown] * len(new), tried, supply_doubt).none <= CHANGED
 
     sizes = {}

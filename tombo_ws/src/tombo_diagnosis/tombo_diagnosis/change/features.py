@@ -73,39 +73,34 @@ class AirborneFlight(EvenFlight):
         return [self.channels[name][begin:end] for begin, end in runs(self.valid)]
 
 
+DEMAND, SHAKE, SWING, TRAIL = slice(0, 4), slice(4, 6), 6, slice(7, 9)
+"""Places in `Features.vector`."""
+
+
 @dataclass(frozen=True)
 class Features:
-    """Features of one flight. NaN: its channels don't say it."""
+    """Features of one flight, or the mean of several. NaN: its channels don't say it."""
 
-    demand: Array
-    """(4,) logarithm of thrust over a quarter of the weight that the healthy drive curve reads."""
-    shake: Array
-    """(2,) logarithm of the standard deviation above 10 Hz: of the demand of the rotors against
-    each other, as a share; of the acceleration [m/s^2]."""
-    swing: float
-    """Logarithm of the horizontal acceleration from 0.35 to 1.6 Hz [m/s^2]."""
-    trail: Array
-    """(2,) yaw part of the demand per speed ahead and to the left [s/m]: drag off the centre turns
-    the vehicle one way on the way out, and the other way on the way back. Without an attitude
-    ahead is map x."""
+    vector: Array
+    """(9,) DEMAND: logarithm of thrust over a quarter of the weight that the healthy drive curve
+    reads, of each rotor. SHAKE: logarithm of the standard deviation above 10 Hz: of the demand of
+    the rotors against each other, as a share; of the acceleration [m/s^2]. SWING: logarithm of the
+    horizontal acceleration from 0.35 to 1.6 Hz [m/s^2]. TRAIL: yaw part of the demand per speed
+    ahead and to the left [s/m]: drag off the centre turns the vehicle one way on the way out, and
+    the other way on the way back. Without an attitude ahead is map x."""
     supply: float = float("nan")
     """Mean logarithm of the voltage."""
 
     @property
-    def vector(self) -> Array:
-        """(9,) demand, shake, swing, trail."""
-        return np.concatenate([self.demand, self.shake, [self.swing], self.trail])
-
-    @staticmethod
-    def of(vector: Array, supply: float) -> Features:
-        """Return the features of such a vector."""
-        return Features(vector[:4], vector[4:6], float(vector[6]), vector[7:], supply)
+    def demand(self) -> Array:
+        """(4,) the part DEMAND."""
+        return self.vector[DEMAND]
 
 
 def mean_of(flights: Sequence[Features]) -> Features:
     """Return the mean of what flights say."""
     supply = float(np.mean([f.supply for f in flights]))
-    return Features.of(np.mean([f.vector for f in flights], axis=0), supply)
+    return Features(np.mean([f.vector for f in flights], axis=0), supply)
 
 
 def airborne(log: Flight, drives: Sequence[str] = DRIVES) -> AirborneFlight:
@@ -136,7 +131,7 @@ def airborne(log: Flight, drives: Sequence[str] = DRIVES) -> AirborneFlight:
             f"flight '{log.name}' is never in the air for {_SHORTEST_S:g} s; needed to say what "
             "has changed"
         )
-    pushed = next((series[n] for n in ("accel", "acceleration") if n in series), None)
+    pushed = _pushed(series)
     intervals = [sample_interval(s.t) for s in (command, pushed) if s is not None]
     step = max(min(intervals), 1.0 / _FASTEST_HZ)
     t = even_times(spans[0][0], spans[-1][1] + step, 1.0 / step)
@@ -164,6 +159,11 @@ def drive_samples(flight: AirborneFlight) -> DriveSamples:
     return DriveSamples(
         channels["drive"][rows], channels["load_factor"][rows, 0], supply, flight.step, sag
     )
+
+
+def _pushed(series: Mapping[str, Series]) -> Series | None:
+    """Return the acceleration that is measured, or else estimated."""
+    return series.get("accel") or series.get("acceleration")
 
 
 def _load_factor(series: Mapping[str, Series], t: Array) -> Array:
@@ -219,14 +219,16 @@ def features(flight: AirborneFlight, curve: DriveCurve) -> Features:
         (np.maximum(part, 1e-9) ** curve.exponent) @ MODES[1:].T / level
         for part in flight.parts("drive")
     ]
-    pushed = series.get("accel") or series.get("acceleration")
-    shake = [
+    pushed = _pushed(series)
+    supply = float("nan") if samples.voltage is None else float(np.log(samples.voltage).mean())
+    vector = [
+        *_demand(curve, samples),
         _shake(flight, asked, series[flight.drive]),
         _shake(flight, flight.parts("pushed"), pushed),
+        _swing(flight),
+        *_trail(flight, curve, samples),
     ]
-    supply = float("nan") if samples.voltage is None else float(np.log(samples.voltage).mean())
-    demand, trail = _demand(curve, samples), _trail(flight, curve, samples)
-    return Features(demand, np.array(shake), _swing(flight), trail, supply)
+    return Features(np.array(vector), supply)
 
 
 def _demand(curve: DriveCurve, samples: DriveSamples) -> Array:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tombo_diagnosis.change.comparison import CHANGED, CandidateResult, HealthyComparison, Spread
-from tombo_diagnosis.change.features import Features
+from tombo_diagnosis.change.features import SHAKE, SWING, Features
 from tombo_diagnosis.change.signatures import (
     ADDED_WEIGHT,
     HANGING_LOAD,
@@ -23,8 +23,6 @@ from tombo_dynamics.vehicle import ROTOR_NAMES
 NAMED, COVERED = 0.9, 0.7
 """Probability from which on one cause is named, and of the members of a set."""
 _LARGEST_SET = 3
-_LIKELY = 0.4
-"""Share of a kind's probability from which on its most probable rotor is told."""
 _ALIKE = (WEAK_PROPELLER, ADDED_WEIGHT, HANGING_LOAD)
 """At the same rotor they need the same commands. They differ by a little yaw and collective, which
 are too uncertain to name one of them."""
@@ -137,33 +135,17 @@ def summary(
         f"{more} thrust than in {counted(spread.flights, 'healthy flight')}; all four rotors "
         f"together are as far off in {percent(comparison.usual)} of healthy flights of "
         f"{'a further' if spread.session.any() else 'this'} session; swing "
-        f"{percent(np.expm1(comparison.shift.swing))}."
+        f"{percent(np.expm1(comparison.shift.vector[SWING]))}."
     )
     if verdict.verdict == "none":
         return f"{text} {_would_show(seen)}"
     if verdict.verdict == "unknown":
-        return f"{text} Most probable: {listed(_kinds(verdict.members)[:3])}."
+        likely = [
+            f"{phrase(m.candidate.label)} ({percent(m.probability)})" for m in verdict.members
+        ]
+        return f"{text} Most probable: {listed(likely[:3])}."
     members = listed([phrase(m.candidate.label) for m in verdict.members], "or")
     return f"{text} That is what {members} asks for."
-
-
-def _kinds(results: Sequence[CandidateResult]) -> list[str]:
-    """Return kinds of change with their probability, most probable first, and the rotors of it."""
-    shares: dict[str, list[CandidateResult]] = {}
-    for result in results:
-        shares.setdefault(result.candidate.effect, []).append(result)
-    texts = []
-    for effect, members in sorted(
-        shares.items(), key=lambda item: -sum(m.probability for m in item[1])
-    ):
-        whole, first = sum(m.probability for m in members), members[0]
-        where = ""
-        if first.candidate.rotor:
-            sure = first.probability > _LIKELY * whole
-            rotor = first.candidate.rotor.replace("_", " ").replace("+", " and ")
-            where = f", most probably at {rotor}" if sure else "; which rotor is not known"
-        texts.append(f"{phrase(effect)} ({percent(whole)}{where})")
-    return texts
 
 
 def _would_show(seen: Mapping[str, float]) -> str:
@@ -202,6 +184,6 @@ def notes(spread: Spread, new: Features) -> tuple[str, ...]:
         "All new flights are taken to be in one state; a battery that sits elsewhere looks like "
         "another centre of gravity.",
     ]
-    if not np.isfinite(new.shake).all() or not np.isfinite(spread.mean.shake).all():
+    if not np.isfinite([new.vector[SHAKE], spread.mean.vector[SHAKE]]).all():
         lines.append("Commands or accelerations are sampled too slowly to show unbalance.")
     return tuple(lines)

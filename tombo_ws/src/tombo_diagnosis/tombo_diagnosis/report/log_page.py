@@ -30,6 +30,7 @@ from tombo_bag.topics import (
 )
 from tombo_diagnosis.crash.reason import Why
 from tombo_diagnosis.report.page import check_items
+from tombo_diagnosis.wording import DASH, display_name, figure
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import yaw_pitch_roll
@@ -126,9 +127,9 @@ def log_page(flights: Sequence[Flight], reasons: Sequence[Why | InputError]) -> 
     figures = [log_figures(flight) for flight in flights]
     pictures = [_panels_picture(flights, panels) for panels in _PICTURES]
     rows = [
-        [name, *(shown(figure[name]) for figure in figures)]
+        [name, *(DASH if (x := each[name]) is None else figure(x, 4) for each in figures)]
         for name in figures[0]
-        if any(figure[name] is not None for figure in figures)
+        if any(each[name] is not None for each in figures)
     ]
     names = [flight.name or flight.source for flight in flights]
     spectra = _spectra_picture(flights)
@@ -151,53 +152,42 @@ def log_page(flights: Sequence[Flight], reasons: Sequence[Why | InputError]) -> 
     )
 
 
-def shown(value: float | str | None) -> str:
-    """Return a figure as text."""
-    if value is None:
-        return "–"
-    if isinstance(value, str):
-        return value
-    return f"{value:.4g}" if np.isfinite(value) else "–"
-
-
-def log_figures(flight: Flight) -> dict[str, float | str | None]:
+def log_figures(flight: Flight) -> dict[str, float | None]:
     """Return the figures of a log by name with unit; None: it does not have what they need."""
-    series = flight.series
-    pose, accel, gyro = (series.get(name) for name in ("position", "accel", "gyro"))
-    command = series.get("motor_command")
-    voltage = series.get("voltage")
-    interval = None if pose is None else intervals(pose.t)
+    values = {name: series.values for name, series in flight.series.items()}
+    pose, commands = flight.series.get("position"), values.get("motor_command")
+    stamps = np.zeros(0) if pose is None else np.unique(pose.t[np.isfinite(pose.t)])
+    interval = np.diff(stamps) if stamps.size > 2 else None
+    usual = _of_known(np.median, interval)
     late = None if pose is None or pose.arrival is None else 1e3 * (pose.arrival - pose.t)
     if (_of_known(np.median, late) or 0.0) < 0.0:
         late = None  # stamps later than arrival are of another clock
+    top = max(_of_known(np.max, commands) or 0.0, 1.0)
+    limited = None
+    if commands is not None:
+        limited = np.asarray(np.any(commands >= _MIN_SATURATED_SHARE * top, axis=1), np.float64)
+    lengths = {
+        name: np.linalg.norm(values[name], axis=1) for name in ("accel", "gyro") if name in values
+    }
     return {
-        "duration [s]": _of_known(np.max, np.array([flight.duration_s])),
-        "poses [Hz]": None if interval is None else 1.0 / float(np.median(interval)),
-        "gaps between poses": None if interval is None else float(gaps(interval)),
-        "longest gap [ms]": None if interval is None else 1e3 * float(interval.max()),
+        "duration [s]": flight.duration_s,
+        "poses [Hz]": None if usual is None else 1.0 / usual,
+        "gaps between poses": _of_known(
+            lambda x: np.sum(x > _MIN_GAP_MEDIANS * np.median(x)), interval
+        ),
+        "longest gap [ms]": _of_known(lambda x: 1e3 * np.max(x), interval),
         "latency of poses, median [ms]": _of_known(np.median, late),
         "latency of poses, 95 % [ms]": _of_known(lambda x: np.percentile(x, 95), late),
         "error of position, RMS [m]": tracking_error(flight, MOCAP_POSE.name, SETPOINT.name,
                                                      "position", "position"),
         "error of rates, RMS [rad/s]": tracking_error(flight, IMU.name, RATES_SETPOINT.name,
                                                       "gyro", "rates"),
-        "vibration, RMS above 30 Hz [m/s²]": vibration(accel),
-        "largest specific force [m/s²]": _largest(accel),
-        "largest body rate [rad/s]": _largest(gyro),
-        "motor command at its limit": None if command is None else saturation(command),
-        "lowest voltage [V]": None if voltage is None else _of_known(np.min, voltage.values),
+        "vibration, RMS above 30 Hz [m/s²]": vibration(flight.series.get("accel")),
+        "largest specific force [m/s²]": _of_known(np.max, lengths.get("accel")),
+        "largest body rate [rad/s]": _of_known(np.max, lengths.get("gyro")),
+        "time of a motor at its limit [%]": _of_known(lambda x: 100.0 * np.mean(x), limited),
+        "lowest voltage [V]": _of_known(np.min, values.get("voltage")),
     }  # fmt: skip
-
-
-def intervals(stamps: Array) -> Array | None:
-    """Return the intervals [s] between stamps that differ; None: fewer than three of them."""
-    stamps = np.unique(stamps[np.isfinite(stamps)])
-    return np.diff(stamps) if len(stamps) > 2 else None
-
-
-def gaps(intervals: Array) -> int:
-    """Return how many intervals are longer than 2.5 times their median."""
-    return int(np.sum(intervals > _MIN_GAP_MEDIANS * np.median(intervals)))
 
 
 def tracking_error(
@@ -217,13 +207,6 @@ def tracking_error(
         error = real.values[usable] - wanted.values[index[usable]]
     error = error[np.isfinite(error).all(axis=1)]
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) if len(error) else None
-
-
-def saturation(command: Series) -> str:
-    """Return in which share of the time a motor is at its limit."""
-    top = _of_known(np.max, command.values) or 0.0
-    share = float(np.mean(np.any(command.values >= _MIN_SATURATED_SHARE * max(top, 1.0), axis=1)))
-    return f"{100 * share:.1f} %"
 
 
 def vibration(accel: Series | None) -> float | None:
@@ -261,12 +244,6 @@ def _of_known(compute: Callable[[Array], Any], values: Array | None) -> float | 
     return None if known is None or not known.size else float(compute(known))
 
 
-def _largest(series: Series | None) -> float | None:
-    if series is None:
-        return None
-    return _of_known(np.max, np.linalg.norm(series.values, axis=1))
-
-
 def _has(flight: Flight, curve: LogCurve) -> bool:
     return curve.topic in flight.topics and curve.field in flight.topics[curve.topic]
 
@@ -290,24 +267,18 @@ def draw_panels(flights: Sequence[Flight], panels: Panels) -> Figure:
                 if _has(flight, curve):
                     series = flight.topics[curve.topic][curve.field]
                     colour = _OF_LINE[curve.line] if len(flights) == 1 else _COLOURS[number]
-                    _draw_curve(column, flight, series, panels, curve, colour)
+                    step = len(series.t) // _MAX_SAMPLES + 1
+                    values = np.where(np.isfinite(series.values), series.values, np.nan)[::step]
+                    drawn = panels.values(values).reshape(len(values), -1)
+                    t = series.t[::step] - _start(flight)
+                    for ax, y in zip(column, drawn.T, strict=False):
+                        ax.plot(t, y, curve.line, color=colour, linewidth=1.0)
         for ax, name in zip(column, panels.components, strict=True):
             unit = f" [{panels.unit}]" if panels.unit else ""
             ax.set_ylabel(f"{name}{unit}")
         _legend(column[0], flights)
         column[-1].set_xlabel("time [s]")
     return sheet
-
-
-def _draw_curve(
-    column: Any, flight: Flight, series: Series, panels: Panels, curve: LogCurve, colour: str
-) -> None:
-    step = max(1, len(series.t) // _MAX_SAMPLES)
-    values = np.where(np.isfinite(series.values), series.values, np.nan)[::step]
-    t, drawn = series.t[::step], panels.values(values)
-    drawn = drawn[:, None] if drawn.ndim == 1 else drawn
-    for ax, y in zip(column, drawn.T, strict=False):
-        ax.plot(t - _start(flight), y, curve.line, color=colour, linewidth=1.0)
 
 
 def _start(flight: Flight) -> float:
@@ -355,7 +326,7 @@ def _diagnosis(names: Sequence[str], reasons: Sequence[Why | InputError]) -> Tex
             lines.append(f"{name}: {why}")
             continue
         signs = "; ".join(f"{s.time:.2f} s {s.text}" for s in why.timeline[:4])
-        cause = "nothing wrong" if why.cause == "none" else why.cause.replace("_", " ")
+        cause = "nothing wrong" if why.cause == "none" else display_name(why.cause)
         lines.append(f"{name}: {cause}{': ' if signs else ''}{signs}")
     lines.append("What a model gets wrong in these flights: tombo diagnose LOG…")
     return Text(lines, "list")

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from tombo_bag.flight import Finding
+from tombo_diagnosis.control.controller import ControllerReport
 from tombo_diagnosis.diagnosis import (
     MODEL,
     VARIABLES,
@@ -23,7 +24,6 @@ from tombo_diagnosis.diagnosis import (
 )
 from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report import figures, residual_data
-from tombo_diagnosis.report.controller_items import controller_items
 from tombo_diagnosis.report.residual_data import Pair, corrected, rms
 from tombo_diagnosis.report.words import (
     LEFTOVER_UNITS,
@@ -51,7 +51,6 @@ from tombo_diagnosis.wording import (
 from tombo_flight.command_line import command_line
 from tombo_flight.extended_model import Gain
 from tombo_flight.report.page import (
-    Card,
     Cell,
     Folded,
     Group,
@@ -64,7 +63,6 @@ from tombo_flight.report.page import (
     Text,
 )
 
-_MOST_CARDS: Final = 4
 _MOST_NAMES: Final = 3
 """Flights that a line names; of more it says how many."""
 _SEVERITIES: Final = {"fault": "bad", "warning": "warn", "info": "plain"}
@@ -83,10 +81,6 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
         vehicle: as it was given, a name or file; empty: the suite's own.
     """
     shown = detectable_text(diagnosis) if diagnosis.verdict == "none" else ""
-    used = sum(flight.used_s for flight in diagnosis.flights)
-    logs, parts = len({f.source for f in diagnosis.flights}), len(diagnosis.flights)
-    # a single flight is cut into parts that are held out in turn
-    beside = f"{used:.0f} s used" + (f", in {parts} parts" if logs < parts else "")
     return report_page(
         diagnosis,
         headline(diagnosis),
@@ -98,7 +92,6 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
             Section("", _channels(diagnosis), "page"),
         ],
         summary=" ".join(filter(None, (compared_with(diagnosis), diagnosis.summary, shown))),
-        cards=[*cause_cards(diagnosis.causes), Card("flights", str(logs), "", beside)],
     )
 
 
@@ -109,7 +102,6 @@ def report_page(
     *,
     eyebrow: str = "Tombo diagnosis",
     summary: str = "",
-    cards: Sequence[Card] = (),
     what: str = "flight",
     data: Mapping[str, Any] | None = None,
 ) -> Page:
@@ -121,7 +113,6 @@ def report_page(
         sections: the first ones, that depend on the kind of data.
         eyebrow: small line above the title.
         summary: below it; empty: that of the diagnosis.
-        cards: figures that count.
         what: the data are of: flight or table.
         data: for programs; None: that of the diagnosis.
     """
@@ -134,7 +125,6 @@ def report_page(
         verdict_style=STYLES[diagnosis.verdict],
         headline=title,
         summary=summary or diagnosis.summary,
-        cards=cards,
         sections=[
             *sections,
             Section("What can’t be certified", sentences(diagnosis.notes)),
@@ -163,17 +153,6 @@ def cause_sections(diagnosis: Diagnosis) -> list[Section]:
         Section("What it may be" if diagnosis.verdict == "set" else "What it is", named),
         Section("Cross-validated prediction error: on data held out from selection and fit", gain),
     ]
-
-
-def cause_cards(causes: Sequence[Cause]) -> list[Card]:
-    """Return the parameters of the first causes as figures."""
-    cards = []
-    for cause in causes:
-        for theta in cause.theta:
-            value, low, high = interval(theta)
-            name = f"{display_name(cause.effect)}: {theta.name}"
-            cards.append(Card(name, value, unit(theta.unit), f"{low} to {high}"))
-    return cards[:_MOST_CARDS]
 
 
 def sentences(lines: Sequence[str]) -> list[Item]:
@@ -340,6 +319,30 @@ def _score(score: Score) -> TableRow:
         ],
         "" if score.excited else "blind",
     )
+
+
+def controller_items(report: ControllerReport | None) -> list[Item]:
+    """Return gains with intervals, oscillations, and the unknown gains."""
+    if report is None:
+        return []
+    items: list[Item] = []
+    lines = [report.summary] if report.summary else []
+    if report.compared_with and not report.changed:
+        lines.append(f"By its gains the controller is the same as {report.compared_with}.")
+    if lines:
+        items.append(Text(lines, "list"))
+    expected = {c.gain.label: f"{c.expected.value:.3g}" for c in report.changed}
+    rows = [
+        [g.loop, g.axis, g.term, f"{g.value:.3g}", f"{g.low:.3g} to {g.high:.3g}", g.unit,
+         expected.get(g.label, "")]
+        for g in report.gains
+    ]  # fmt: skip
+    if rows:
+        head = ("loop", "axis", "gain", "value", "95 % interval", "unit", "expected")
+        items.append(Table(head, rows))
+    if report.unknown:
+        items.append(Text([f"Not known: {'; '.join(report.unknown)}."], "list"))
+    return items
 
 
 def check_items(findings: Sequence[Finding], what: str) -> list[Item]:

@@ -1,33 +1,45 @@
-"""The page of a stand diagnosis, and its files."""
+"""The page of a stand diagnosis, with its figure, and its files."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from tombo_diagnosis.diagnosis import Diagnosis, diagnosis_mapping
 from tombo_diagnosis.extend_model import extends, model_of
 from tombo_diagnosis.report.files import REPORT_FILES, write_report
-from tombo_diagnosis.report.page import cause_cards, cause_sections, report_page
-from tombo_diagnosis.report.stand_figures import draw_residuals
+from tombo_diagnosis.report.page import cause_sections, report_page
 from tombo_diagnosis.report.words import headline
 from tombo_diagnosis.stand.diagnose import of_other_runs
-from tombo_diagnosis.wording import counted, percent
-from tombo_dynamics.propeller.effects import STAND_EFFECTS
+from tombo_diagnosis.wording import display_name, percent
+from tombo_dynamics.propeller import RPM
+from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
 from tombo_flight.json_text import plain
 from tombo_flight.model_file import write_model
-from tombo_flight.report.page import Card, Item, Page, Picture, Section, Table, Text
+from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
+from tombo_flight.report.page import Item, Page, Picture, Section, Table, Text
 from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
+    from tombo_diagnosis.stand.problem import StandProblem
     from tombo_diagnosis.stand.thrust_constant import ThrustConstant
+    from tombo_dynamics.arrays import Array
     from tombo_flight.process.output_folder import OutputFolder
 
 MODEL: Final = "stand_model.yaml"
 STAND_FILES: Final = (*REPORT_FILES, MODEL)
 """All names that a stand diagnosis may write."""
+_UNITS: Final = {
+    "thrust": ("N", 1.0), "torque": ("mN m", 1e3), "beta": ("deg", 180.0 / math.pi),
+    "reference_speed": ("rpm", 1.0 / RPM),
+}  # fmt: skip
 
 
 def write_stand(folder: OutputFolder, stand: StandDiagnosis, date: str) -> None:
@@ -60,15 +72,7 @@ def stand_mapping(stand: StandDiagnosis) -> dict[str, Any]:
 
 def stand_page(stand: StandDiagnosis) -> Page:
     """Return the page of a stand diagnosis."""
-    diagnosis, points = stand.diagnosis, stand.findings.problem.points
-    k = stand.constant
-    cards = cause_cards(diagnosis.causes)
-    if k is not None:
-        cards = [
-            Card("k_T by rotor", f"{k.k_T:.3g}", "N s²", f"{k.low:.4g} to {k.high:.4g}"),
-            Card("thrust grows with speed to the", f"{k.exponent:.2f}", "", "square law: 2"),
-        ]
-    data = f"{counted(len(points.runs), 'run')}, {counted(len(points.propellers), 'propeller')}"
+    diagnosis, k = stand.diagnosis, stand.constant
     caption = "Measured less model over speed, before and after; grey: twice the noise of a point"
     return report_page(
         diagnosis,
@@ -80,7 +84,6 @@ def stand_page(stand: StandDiagnosis) -> Page:
             *cause_sections(diagnosis),
         ],
         eyebrow="Tombo thrust stand",
-        cards=[*cards, Card("points", str(stand.findings.problem.used), "", data)],
         what="table",
         data=stand_mapping(stand),
     )
@@ -110,3 +113,39 @@ def _constant(k: ThrustConstant) -> list[Item]:
     )
     rows = [(limit.cause, percent(limit.share, 2)) for limit in k.limits]
     return [Text([text]), Table(("what limits it", "of k_T"), rows, "limits")]
+
+
+def draw_residuals(stand: StandDiagnosis) -> Figure:
+    """Draw measured minus model over speed, before and after, a row for each channel."""
+    problem = stand.findings.problem
+    points = problem.points
+    before = problem.residual(problem.final(problem.null_hypothesis))
+    after = problem.unexplained(stand.findings.search.best.fit)
+    channels = [c for c in points.measured if problem.seen[:, c].any()]
+    with new_figure(9.6, 0.7 + 2.5 * len(channels), 100, layout="constrained") as figure:
+        axes = figure.subplots(len(channels), 2, squeeze=False, sharex="col", sharey="row")
+        for row, c in zip(axes, channels, strict=True):
+            unit, factor = _UNITS[CHANNELS[c]]
+            sides = ((before, "as it was"), (after, "with what was found"))
+            for axis, (left, words) in zip(row, sides, strict=True):
+                _scatter(axis, problem, left[:, c] * factor, c)
+                sigma = float(np.median(points.sigma[problem.seen[:, c], c])) * factor
+                axis.axhspan(-2.0 * sigma, 2.0 * sigma, color=style.FAINT, alpha=0.7, zorder=0)
+                axis.axhline(0.0, color=style.MUTED, linewidth=0.7)
+                axis.set_title(f"{display_name(CHANNELS[c])}, model {words}", loc="left")
+            row[0].set_ylabel(f"measured less model [{unit}]")
+        for axis in axes[-1]:
+            axis.set_xlabel("speed [rpm]")
+        if len(points.propellers) > 1:
+            axes[0][0].legend(fontsize=7, ncols=2)
+    return figure
+
+
+def _scatter(axis: Any, problem: StandProblem, values: Array, c: int) -> None:
+    setup = problem.points.setup
+    for p, name in enumerate(problem.points.propellers):
+        rows = (setup.propeller == p) & problem.seen[:, c]
+        axis.plot(
+            setup.speed[rows] / RPM, values[rows], "o", markersize=3.2,
+            color=f"C{p}", label=name,
+        )  # fmt: skip

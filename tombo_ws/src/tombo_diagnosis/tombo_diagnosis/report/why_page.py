@@ -10,19 +10,11 @@ from matplotlib.figure import Figure
 
 from tombo_diagnosis.crash.reason import CAUSES, Why, why_mapping
 from tombo_diagnosis.report.page import check_items
+from tombo_diagnosis.wording import display_name, listed
 from tombo_flight.report import style
 from tombo_flight.report.figure import new_figure
-from tombo_flight.report.page import Card, Page, Picture, Section, Table
+from tombo_flight.report.page import Page, Picture, Section, Table
 
-_CAUSE_TEXTS: Final = {
-    "motor_or_propeller_lost": "a motor or a propeller was lost",
-    "contact": "it touched something",
-    "oscillation": "a control loop oscillates",
-    "loss_of_position": "its position was lost",
-    "battery": "the battery gave too little",
-    "command": "it was commanded there",
-    "kill": "its motors were stopped in the air",
-}
 _AROUND_S: Final = (1.5, 2.0)
 """Before and after the first deviation, in the picture."""
 
@@ -30,14 +22,11 @@ _AROUND_S: Final = (1.5, 2.0)
 def why_page(found: Why) -> Page:
     """Return the page of an answer: cause, time, chain of evidence."""
     rows = [
-        [f"{s.time:.2f} s", CAUSES.get(s.kind, s.kind).replace("_", " "), s.text]
+        [f"{s.time:.2f} s", display_name(CAUSES.get(s.kind, s.kind)), s.text]
         for s in found.timeline
     ]
     against = [finding for finding in found.findings if finding.severity != "info"]
-    cards = [Card("cause", found.cause.replace("_", " "))]
-    if found.time_s is not None:
-        cards.append(Card("first deviation", f"{found.time_s:.2f}", "s"))
-    cards.append(Card("confidence", f"{100 * found.confidence:.0f}", "%"))
+    certain = f"{100 * found.confidence:.0f} %"
     picture = Picture(
         partial(draw_why, found), "Grey: signs; red: the first deviation.", "Around it"
     )
@@ -57,8 +46,7 @@ def why_page(found: Why) -> Page:
             Section("Around it", [picture] if found.time_s is not None else [], "page"),
         ],
         data=why_mapping(found),
-        cards=cards,
-        verdict=found.cause.replace("_", " "),
+        verdict=f"{display_name(found.cause)} · {certain}",
         verdict_style="good" if found.cause == "none" else "bad",
     )
 
@@ -66,12 +54,11 @@ def why_page(found: Why) -> Page:
 def _headline(found: Why) -> str:
     if found.time_s is None:
         return "Nothing wrong"
-    at = f"At {found.time_s:.2f} s"
-    if found.cause == "set":
-        return f"{at}: {' or '.join(_CAUSE_TEXTS[CAUSES[m]] for m in found.members)}"
+    causes = [CAUSES[m] for m in found.members] if found.cause == "set" else [found.cause]
+    told = listed(causes, "or")
     if found.cause == "unknown":
-        return f"{at} something went wrong; the log does not tell the cause"
-    return f"{at} {_CAUSE_TEXTS[found.cause]}"
+        told = "something went wrong; the log does not tell the cause"
+    return f"At {found.time_s:.2f} s: {told}"
 
 
 def draw_why(found: Why) -> Figure:

@@ -8,13 +8,7 @@ import numpy as np
 
 from tombo_diagnosis.diagnosis import Cause, Score
 from tombo_diagnosis.engine import cause_estimates
-from tombo_diagnosis.engine.cause_estimates import (
-    TWO_SIDED,
-    ParameterEstimate,
-    fitted_parameters,
-    gain_of,
-    rms,
-)
+from tombo_diagnosis.engine.cause_estimates import TWO_SIDED, fitted_parameters, gain_of, rms
 from tombo_diagnosis.engine.model import Explanation, Hypothesis
 from tombo_diagnosis.engine.model_selection import fit_hypotheses
 from tombo_diagnosis.engine.regression import Fit
@@ -25,16 +19,6 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
 from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_logs.checks.spans import Mask
-
-
-def estimated_parameters(
-    problem: StandProblem, explanation: Explanation, effect: str
-) -> ParameterEstimate:
-    """Return an effect's parameters with 95 % intervals, and their covariance."""
-    hypothesis = next(h for h in explanation.hypotheses if h.effect == effect)
-    if hypothesis.width is not None:
-        return _stochastic_parameters(problem, effect, hypothesis.width, explanation), ()
-    return fitted_parameters(problem, explanation, effect)
 
 
 def _stochastic_parameters(
@@ -62,7 +46,12 @@ def _stochastic_parameters(
 def estimate_cause(effect: str, findings: StandAnalysis) -> Cause:
     """Return a cause with its parameters, from the most probable explanation that has it."""
     explanation = findings.search.explaining(effect)
-    theta, covariance = estimated_parameters(findings.problem, explanation, effect)
+    width = next(h.width for h in explanation.hypotheses if h.effect == effect)
+    theta, covariance = (
+        fitted_parameters(findings.problem, explanation, effect)
+        if width is None
+        else (_stochastic_parameters(findings.problem, effect, width, explanation), ())
+    )
     confidence = findings.judgement.each.get(effect, 0.0)
     return Cause(effect, theta, confidence, STAND_EFFECTS[effect].signature, covariance)
 

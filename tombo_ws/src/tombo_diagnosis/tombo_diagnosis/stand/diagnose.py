@@ -81,7 +81,7 @@ def diagnose_stand(
         residuals=(),
         confidence=judgement.confidence,
         summary=summary(findings, gains, constant),
-        notes=notes(findings, gains, constant),
+        notes=notes(findings, constant),
         model=_model(points),
         vehicle="" if not points.setup.plain else "plain propeller",
         seconds=clock() - began,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, StandAnalysis
+from tombo_diagnosis.stand.analyse import StandAnalysis
 from tombo_diagnosis.stand.problem import StandProblem
 from tombo_diagnosis.stand.tables.operating_points import UNITS
 from tombo_diagnosis.stand.thrust_constant import ThrustConstant
@@ -55,9 +55,7 @@ def summary(
     return text
 
 
-def notes(
-    findings: StandAnalysis, gains: Sequence[Gain], constant: ThrustConstant | None = None
-) -> tuple[str, ...]:
+def notes(findings: StandAnalysis, constant: ThrustConstant | None = None) -> tuple[str, ...]:
     """Return the limits of the diagnosis, and why."""
     problem, points = findings.problem, findings.problem.points
     lines: list[str] = []
@@ -74,25 +72,12 @@ def notes(
         lines.append(
             "fewer than three propellers: scatter of fabrication looks like a coefficient"
         )
-    left = findings.remainder.curves.evidence
-    if left > LOG_BF_CURVES and findings.judgement.verdict == "named":
-        lines.append("something small is left over")
-    if any(g.low < 0.0 < g.after for g in gains) and findings.judgement.effects:
-        lines.append("the gain on held-out points is not sure: its interval reaches below zero")
     lacking = [c for k, c in enumerate(UNITS) if k not in points.measured and c != "beta"]
     if "torque" in lacking:
         lines.append(
             "no torque: coefficient, density, gain and rpm scale look alike in thrust alone"
         )
-    lost = int(np.count_nonzero(np.isfinite(points.readings) & ~problem.seen))
-    if lost:
-        lines.append(f"{lost} readings lie where the law has no valid root; they are not used")
     return tuple(lines)
-
-
-_MIN_SIGMAS = 3.0
-"""Standard deviations of the difference."""
-_CHANNELS = ("thrust", "torque")
 
 
 def repeats(problem: StandProblem) -> list[str]:
@@ -104,29 +89,18 @@ def repeats(problem: StandProblem) -> list[str]:
     model = problem.prediction(problem.theta)
     lines = []
     for p, name in enumerate(points.propellers):
-        for c, channel in enumerate(_CHANNELS):
-            shares: dict[str, tuple[float, float]] = {}
+        for c, channel in enumerate(("thrust", "torque")):
+            shares: dict[str, float] = {}
             for r in np.unique(setup.run[setup.propeller == p]):
                 rows = problem.seen[:, c] & (setup.run == r) & (setup.propeller == p)
                 rows &= setup.speed > 0.0
-                m = np.where(rows, model[:, c], 0.0) / problem.sigma[:, c]
-                square = float(m @ m)
-                if square > 0.0:
-                    left = np.where(rows, problem.left[:, c], 0.0) / problem.sigma[:, c]
-                    shares[points.runs[int(r)]] = float(m @ left) / square, square**-0.5
+                m, left = (x[rows, c] / problem.sigma[rows, c] for x in (model, problem.left))
+                if m.any():
+                    shares[points.runs[int(r)]] = 100.0 * float(m @ left) / float(m @ m)
             if len(shares) > 1:
-                lines.append(_repeat_text(name, channel, shares))
+                off = ", ".join(f"{run} {share:+.1f} %" for run, share in shares.items())
+                gap = max(shares.values()) - min(shares.values())
+                lines.append(
+                    f"runs of {name} differ by {gap:.2g} % in {channel}; off the model: {off}"
+                )
     return lines
-
-
-def _repeat_text(propeller: str, channel: str, shares: dict[str, tuple[float, float]]) -> str:
-    high = max(shares, key=lambda r: shares[r][0])
-    low = min(shares, key=lambda r: shares[r][0])
-    gap = shares[high][0] - shares[low][0]
-    noise = float(np.hypot(shares[high][1], shares[low][1]))
-    if gap < _MIN_SIGMAS * noise:
-        return f"{len(shares)} runs of {propeller} agree within {100.0 * gap:.2g} % in {channel}"
-    return (
-        f"runs of {propeller} differ by {100.0 * gap:.2g} % in {channel}: {high} is "
-        f"{100.0 * shares[high][0]:+.1f} % off the model, {low} {100.0 * shares[low][0]:+.1f} %"
-    )

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from tombo_bag.flight import Finding
 from tombo_dynamics.arrays import Array
@@ -95,8 +96,6 @@ class StandMapping:
     """tombo, or plain: thrust as the square of speed, of any other propeller."""
     rotors: int = 1
     """Rotors that pull on the cell together."""
-    diameter_mm: float = 0.0
-    """Of a plain propeller; 0: not known."""
     tare: str = "start"
     """start: readings at standstill before the run are zero; none: already so."""
     channels: Mapping[str, ChannelMap] = field(default_factory=dict)
@@ -139,7 +138,6 @@ def parse_mapping(text: str, name: str) -> StandMapping:
         header=tuple(map(str, header)),
         model=model,
         rotors=int(number_of(values.get("rotors", 1), 1, 64, f"{what}: rotors")),
-        diameter_mm=number_of(values.get("diameter_mm", 0.0), 0.0, 1e4, f"{what}: diameter_mm"),
         tare=tare,
         channels={key: _channel(key, value, what) for key, value in channels.items()},
     )
@@ -229,10 +227,8 @@ _MIN_RECORDING_ROWS = 60
 """A table with more rows than this whose speed hardly moves from row to row is a recording."""
 _MAX_RECORDING_STEP_SHARE = 0.004
 """Share of the highest speed: the largest median step of a recording."""
-_SPEED_OF_SOUND_M_S = 340.0
-_MAX_TIP_MACH = 0.95
 _MAX_SPEED_RAD_S = 1.2e4
-"""Of propellers whose diameter is not known."""
+"""Of plain propellers."""
 _MIN_TOP_SPEED_RAD_S = 20.0
 """rad/s: a stand that never turns faster has its unit wrong."""
 _PER_ROTOR = ("thrust", "torque", "applied_thrust", "applied_torque", "thrust_sigma")
@@ -248,11 +244,6 @@ class StandTable:
     channels: Mapping[str, Array]
     """Name -> (N,); speed is the root of the rotors' mean square, loads are by rotor."""
     findings: tuple[Finding, ...]
-
-    @property
-    def rows(self) -> int:
-        """Number of rows."""
-        return int(self.channels["speed"].size)
 
 
 def read_stand(path: Path, mapping: str | None = None) -> StandTable:
@@ -326,8 +317,7 @@ def _without_glitches(
     findings: list[Finding] = []
     if not is_recording(np.nan_to_num(speed).max(axis=1)):  # points have no neighbours in time
         return speed, findings
-    padded = np.pad(speed, ((3, 3), (0, 0)), mode="edge")
-    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0), axis=2)
+    around = median_filter(speed, (7, 1), mode="nearest")
     far = np.abs(speed - around) > np.maximum(0.05 * around, 10.0)
     fast = around > 0.2 * np.nanmax(around, initial=0.0)
     if speed.shape[1] > 1:
@@ -358,14 +348,11 @@ def _check_plausible(table: StandTable, path: Path) -> None:
     """Refuse values that can't be what they are said to be.
 
     Raises:
-        InputError: a tip faster than sound, a rotor that never turns, a load that falls with
+        InputError: a speed that no propeller has, a rotor that never turns, a load that falls with
             speed, an angle above 90 degrees, or a standard deviation that is none.
     """
     channels = table.channels
-    most = SPEED_LIMIT
-    if table.mapping.model == "plain":
-        radius = 0.5e-3 * table.mapping.diameter_mm
-        most = _MAX_TIP_MACH * _SPEED_OF_SOUND_M_S / radius if radius else _MAX_SPEED_RAD_S
+    most = SPEED_LIMIT if table.mapping.model == "tombo" else _MAX_SPEED_RAD_S
     top = float(channels["speed"].max())
     if not _MIN_TOP_SPEED_RAD_S <= top <= most:
         _refuse(
