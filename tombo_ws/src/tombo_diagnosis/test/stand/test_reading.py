@@ -266,3 +266,43 @@ def test_a_dead_tachometer_gives_way_in_a_table_of_rcbenchmark(tmp_path, unit):
     table = read_stand(write(tmp_path / "a.csv", header, *columns))
     assert np.allclose(table.channels["speed"], RPM * math.pi / 30.0)
     assert np.allclose(table.channels["torque"], POINT.torque_Nm)
+
+
+@pytest.mark.parametrize(("lost", "count"), [([5], 1), ([0, 1, 2], 2), ([4, 11], 2)])
+def test_a_tachometer_that_drops_out_is_no_standstill(tmp_path, lost, count):
+    """The first of several rows before the start may be one of a rotor that stands."""
+    speed = RPM.copy()
+    speed[lost] = 0.0
+    table = read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", speed, POINT.thrust_N))
+    assert table.channels["speed"].size == RPM.size - count
+    (said,) = [f for f in table.findings if f.check == "speed_dropout"]
+    assert f"in {count} rows" in said.message
+
+
+def test_known_weights_at_standstill_stay(tmp_path):
+    speed, hung = np.concatenate([np.zeros(2), RPM]), np.concatenate([[2.0, 4.0], 0.0 * RPM])
+    thrust = hung + np.concatenate([np.zeros(2), POINT.thrust_N])
+    path = write(tmp_path / "a.csv", "rpm,thrust_N,applied_thrust_N", speed, thrust, hung)
+    assert read_stand(path).channels["speed"].size == speed.size
+
+
+def test_coefficients_of_a_table_parted_by_spaces_are_loads(tmp_path):
+    """As UIUC publishes static runs: the diameter in inches is in the name."""
+    rows = "\n".join(f"{rpm:9.2f}   0.110000   0.045000 " for rpm in RPM)
+    (tmp_path / "apcsf_10x4.7_static.txt").write_text(f"RPM     CT       CP     \n{rows}\n")
+    table = read_stand(tmp_path / "apcsf_10x4.7_static.txt")
+    n, d = RPM / 60.0, 0.254
+    assert np.allclose(table.channels["thrust"], 0.11 * 1.225 * n**2 * d**4)
+    power = 0.045 * 1.225 * n**3 * d**5
+    assert np.allclose(table.channels["torque"] * 2.0 * math.pi * n, power)
+
+
+def test_coefficients_need_a_diameter(tmp_path):
+    with pytest.raises(InputError, match="diameter_mm"):
+        read_stand(write(tmp_path / "a.csv", "rpm,ct", RPM, 0.0 * RPM + 0.11))
+
+
+def test_lines_may_end_with_a_carriage_return_alone(tmp_path):
+    path = write(tmp_path / "a.csv", "rpm,thrust_N", RPM, POINT.thrust_N)
+    path.write_bytes(path.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r"))
+    assert np.allclose(read_stand(path).channels["thrust"], POINT.thrust_N)

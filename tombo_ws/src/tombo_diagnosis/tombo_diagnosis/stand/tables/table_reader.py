@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +52,8 @@ CHANNELS: Mapping[str, str] = {
     "conf": "1",
     "run": "1",
     "propeller": "1",
+    "thrust_coefficient": "1",
+    "power_coefficient": "1",
 }
 """Channel -> its unit here."""
 MULTI_COLUMN_CHANNELS = ("speed", "reference_speed")
@@ -77,6 +79,8 @@ _NAMES = {
     "conf": ("conf", "configuration"),
     "run": ("run", "repeat"),
     "propeller": ("propeller", "specimen"),
+    "thrust_coefficient": ("ct",),
+    "power_coefficient": ("cp",),
 }  # fmt: skip
 _HEADING = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _OTHERS = ("rpm", "rad_s", "Hz", "deg", "rad", "V", "A", "W", "mW", "s", "ms")
@@ -96,6 +100,8 @@ class StandMapping:
     """tombo, or plain: thrust as the square of speed, of any other propeller."""
     rotors: int = 1
     """Rotors that pull on the cell together."""
+    diameter_mm: float = 0.0
+    """Of a plain propeller whose loads are coefficients; 0: that in the file's name."""
     tare: str = "start"
     """start: readings at standstill before the run are zero; none: already so."""
     channels: Mapping[str, ChannelMap] = field(default_factory=dict)
@@ -138,6 +144,7 @@ def parse_mapping(text: str, name: str) -> StandMapping:
         header=tuple(map(str, header)),
         model=model,
         rotors=int(number_of(values.get("rotors", 1), 1, 64, f"{what}: rotors")),
+        diameter_mm=number_of(values.get("diameter_mm", 0.0), 0.0, 1e4, f"{what}: diameter_mm"),
         tare=tare,
         channels={key: _channel(key, value, what) for key, value in channels.items()},
     )
@@ -192,7 +199,7 @@ def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
                 )
         factor(unit, CHANNELS[channel], f"column '{column}' of '{path}'")
         channels[channel] = ChannelMap((column,), unit)
-    if "speed" not in channels or not {"thrust", "torque"} & set(channels):
+    if "speed" not in channels or not {"thrust", "torque", *_COEFFICIENTS} & set(channels):
         lacking = "speed" if "speed" not in channels else "thrust or torque"
         raise InputError(
             f"'{path}': no column for {lacking} among {', '.join(columns)[:200]}; accepted: names "
@@ -221,12 +228,54 @@ def _split(column: str) -> tuple[str, str]:
     return name, SPELLINGS.get(unit, unit)
 
 
+_COEFFICIENTS = {"thrust_coefficient": "thrust", "power_coefficient": "torque"}
+"""Channel -> the load that it is the coefficient of."""
+_AIR_DENSITY_KG_M3 = 1.225
+"""kg/m^3, of the standard atmosphere: coefficients have the density of their day taken out."""
+_SIZE = re.compile(r"(?<![\d.])(\d{1,2}(?:\.\d+)?)x\d")
+"""A propeller in a file's name, as 10x4.7: diameter and pitch in inches."""
+_INCH_M = 0.0254
+
+
+def _loads_of_coefficients(
+    channels: dict[str, Array], mapping: StandMapping, path: Path
+) -> StandMapping:
+    """Replace coefficients of thrust and power by loads; return the mapping that has been used.
+
+    T = C_T rho n^2 D^4 and Q = C_P rho n^2 D^5 / (2 pi), with n in turns per second.
+
+    Raises:
+        InputError: the diameter is not known.
+    """
+    given = [key for key in _COEFFICIENTS if key in channels]
+    named = _SIZE.search(path.name)
+    d = 1e-3 * mapping.diameter_mm or (_INCH_M * float(named[1]) if named else 0.0)
+    if not d:
+        raise InputError(
+            f"'{path}': coefficients C_T and C_P, and no diameter; accepted: diameter_mm in "
+            "--mapping, or a name with diameter and pitch in inches, as apcsf_10x4.7.txt"
+        )
+    columns = dict(mapping.channels)
+    for key in given:
+        load = _COEFFICIENTS[key]
+        scale = d**4 if load == "thrust" else d**5 / (2.0 * math.pi)
+        n = channels["speed"] / (2.0 * math.pi)
+        value = channels.pop(key) * _AIR_DENSITY_KG_M3 * n**2 * scale
+        channels.setdefault(load, value)
+        columns.setdefault(load, columns[key])
+    return replace(mapping, channels=columns, diameter_mm=1e3 * d)
+
+
 _MAX_STANDSTILL_SHARE = 0.002
 """Share of the highest speed below which the rotor stands."""
 _MIN_RECORDING_ROWS = 60
 """A table with more rows than this whose speed hardly moves from row to row is a recording."""
 _MAX_RECORDING_STEP_SHARE = 0.004
 """Share of the highest speed: the largest median step of a recording."""
+_MIN_TURNING_LOAD_SHARE = 0.1
+"""Share of the loads' range over the load at standstill with which a rotor turns."""
+_MIN_LOAD_DIFFERENCE_SHARE = 0.02
+"""The same of rows before the start, which stand alike."""
 _MAX_SPEED_RAD_S = 1.2e4
 """Of plain propellers."""
 _MIN_TOP_SPEED_RAD_S = 20.0
@@ -287,6 +336,13 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
             channels[key] = np.sqrt(np.mean(columns**2, axis=1))
         else:
             channels[key] = columns[:, 0] / (chosen.rotors if key in _PER_ROTOR else 1)
+    if set(_COEFFICIENTS) & set(channels):
+        chosen = _loads_of_coefficients(channels, chosen, path)
+        text = (
+            f"loads are of C_T and C_P, with a diameter of {chosen.diameter_mm:.4g} mm and air of "
+            f"{_AIR_DENSITY_KG_M3} kg/m3"
+        )
+        findings.append(Finding("coefficients", "info", name, text))
     rows = np.isfinite(channels["speed"])
     loads = [channels[c] for c in ("thrust", "torque") if c in channels]
     if not loads:
@@ -304,6 +360,11 @@ def read_stand(path: Path, mapping: str | None = None) -> StandTable:
             f"more with {', '.join(wanted)}"
         )
     channels = {key: values[rows] for key, values in channels.items()}
+    lost = _dropouts(channels)
+    if lost.any():
+        text = f"0 rpm in {lost.sum()} rows whose load says that the rotor turns; left out"
+        findings.append(Finding("speed_dropout", "warning", name, text, channel="speed"))
+        channels = {key: values[~lost] for key, values in channels.items()}
     source = f"{path} ({chosen.name})"
     result = StandTable(name, source, chosen, channels, tuple(findings))
     _check_plausible(result, path)
@@ -342,6 +403,26 @@ def is_recording(speed: Array) -> bool:
     """Return whether rows are samples of a recording, whose speed hardly moves between them."""
     steps = np.abs(np.diff(speed)) / max(float(speed.max()), 1e-9)
     return speed.size > _MIN_RECORDING_ROWS and float(np.median(steps)) < _MAX_RECORDING_STEP_SHARE
+
+
+def _dropouts(channels: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """Return the operating points at 0 rpm whose load lies on that of a turning rotor.
+
+    Not where known weights hang on the cell: they load it at standstill.
+    """
+    speed, y = channels["speed"], channels.get("thrust", channels.get("torque", np.zeros(0)))
+    still = stands(speed)
+    known = np.isfinite(y) & ~still
+    weighed = {"applied_thrust", "applied_torque"} & set(channels)
+    if weighed or is_recording(speed) or not still.any() or known.sum() < 3:
+        return np.zeros(speed.size, bool)
+    # the load is a zero and a share of the square of speed
+    k, zero = np.polyfit(speed[known] ** 2, y[known], 1)
+    share = np.sign(k) * (y - zero) / max(float(np.ptp(y[known])), 1e-12)
+    first = int(np.argmin(still))
+    lost = still & (share > _MIN_TURNING_LOAD_SHARE)
+    lost[:first] |= share[:first] > share[:first].min(initial=np.inf) + _MIN_LOAD_DIFFERENCE_SHARE
+    return np.asarray(lost)
 
 
 def _check_plausible(table: StandTable, path: Path) -> None:
