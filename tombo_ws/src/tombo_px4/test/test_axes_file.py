@@ -8,7 +8,7 @@ import yaml
 from tombo_dynamics.errors import InputError
 from tombo_px4.bridge.axes_proof import AxesEvidence, AxesFile, valid_proof
 
-RIGHT = AxesEvidence("2026-11-24T10:00:00+00:00", "s500", "a1b2", tilt_rad=(0.01, 0.0))
+RIGHT = AxesEvidence("2026-11-24T10:00:00+00:00", "s500", "a1b2", tilt_rad=[0.01, 0.0])
 WRONG = AxesEvidence("2026-11-24T11:00:00+00:00", "s500", "a1b2", "x is not the nose")
 
 

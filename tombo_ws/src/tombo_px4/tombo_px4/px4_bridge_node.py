@@ -185,7 +185,7 @@ class Px4BridgeNode(LoopNode):
     def _take_poses(self, now_ns: int) -> None:
         multiple_publishers = self._pose_in.multiple_publishers(now_ns)
         if multiple_publishers:
-            self._bridge.preflight.refused_pose(PoseRefusal.TWO_PUBLISHERS, now_ns)
+            self._bridge.checklist.refused_pose(PoseRefusal.TWO_PUBLISHERS, now_ns)
         for arrival in self._pose_in.take():
             if multiple_publishers:
                 continue

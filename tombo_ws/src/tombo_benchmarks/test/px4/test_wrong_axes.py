@@ -9,9 +9,11 @@ from tombo_benchmarks.px4.lockstep_px4 import Px4Setup
 from tombo_benchmarks.px4.wrong_axes import FARTHEST_M, HIGHEST_M, WRONG_AXES, fly_wrong_axes
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
 from tombo_flight.scenario import load_scenario, world_of
-from tombo_px4.bridge.axes_proof import MotionCheck
-from tombo_px4.bridge.flight_watch import PoseMotionWatch
+from tombo_px4.bridge.axes_proof import judge_hand_motion
+from tombo_px4.bridge.bridge_params import BridgeParams
+from tombo_px4.bridge.checklist import Checklist
 from tombo_px4.hil.hand_motion import HandMotion
+from tombo_px4.link.messages import VehicleImu
 from tombo_sim.simulator import Simulator
 
 EPOCH_NS = 10**18
@@ -36,12 +38,12 @@ def by_hand():
 
 def judged(by_hand, make):
     poses, imu = by_hand
-    check = MotionCheck(0.17)
+    checklist = Checklist(BridgeParams())
     for stamp, place, attitude in poses:
-        check.pose(stamp, *make(place, attitude))
+        checklist.pose(stamp, stamp, *make(place, attitude))
     for stamp, sample in imu:
-        check.imu(stamp, sample[:3], sample[3:])
-    return check.compare(imu[-1][0])
+        checklist.take_imu(VehicleImu(stamp, stamp, stamp, sample[:3], sample[3:]), None, False)
+    return judge_hand_motion(checklist.poses.since(0), checklist.imu.since(0), 0.17)
 
 
 @pytest.mark.slow
@@ -89,7 +91,6 @@ def test_with_the_proof_of_another_body_it_lands_near_where_it_took_off(tmp_path
 @pytest.mark.slow
 def test_the_simulated_px4_flies_away_with_wrong_axes_where_nobody_watches(tmp_path, monkeypatch):
     """As a real one does: else the flights above would show nothing."""
-    monkeypatch.setattr(PoseMotionWatch, "compare", lambda watch: None)
-    monkeypatch.setattr(PoseMotionWatch, "drifts", lambda watch, now_ns, away_m: None)
+    monkeypatch.setattr(Checklist, "motion_findings", lambda *args: [])
     row = fly_wrong_axes(Px4Setup(None, tmp_path / "px4"), "body yawed by 180 deg, old proof")
     assert row["armed"] and row["away_m"] > 2.0 and not row["landed"]

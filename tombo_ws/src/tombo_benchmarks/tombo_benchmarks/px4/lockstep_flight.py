@@ -160,7 +160,7 @@ class LockstepRun:
         """It has landed and is disarmed, or waited for that for long enough; or never began."""
         if self._began_ns is None:
             verdict, now_s = (
-                self._bridge.preflight.motion.verdict,
+                self._bridge.checklist.verdict,
                 (self._now_ns - EPOCH_NS) * 1e-9,
             )
             known = verdict is not None and bool(verdict.mistake) and verdict.sure

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +25,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import body_to_map, unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import SIMULATED
-from tombo_px4.bridge.pose_motion import SHORT_HALF, fit_axes, second_differences
+from tombo_px4.bridge.pose_motion import GRID_S, HALF, fit_axes, second_differences, sum_motion
 
 
 @dataclass(frozen=True)
@@ -45,24 +44,7 @@ class AxesEvidence:
     body: str
     vehicle: str
     mistake: str = ""
-    tilt_rad: tuple[float, ...] = ()
-
-    def as_mapping(self) -> dict[str, Any]:
-        """Return it as plain values."""
-        return asdict(self) | {"tilt_rad": list(self.tilt_rad)}
-
-    @classmethod
-    def of_mapping(cls, values: Mapping[str, Any]) -> AxesEvidence:
-        """Return the record of plain values; other kept samples do not count.
-
-        Raises:
-            KeyError: a value is missing.
-            ValueError: it proves axes without a tilt.
-        """
-        tilt, mistake = tuple(map(float, values["tilt_rad"])), values.get("mistake", "")
-        if not mistake and len(tilt) != 2:
-            raise ValueError("tilt_rad")
-        return cls(values["date"], values["body"], values["vehicle"], mistake, tilt)
+    tilt_rad: list[float] = field(default_factory=list)
 
 
 def valid_proof(proofs: Iterable[AxesEvidence], vehicle: str) -> AxesEvidence | None:
@@ -93,7 +75,7 @@ class AxesFile:
             return ()
         try:
             entries = yaml.safe_load(self._path.read_text(encoding="utf-8")) or []
-            records = [AxesEvidence.of_mapping(v) for v in entries]
+            records = [_read_record(entry) for entry in entries]
         except (OSError, ValueError, yaml.YAMLError, TypeError, AttributeError, KeyError):
             raise InputError(
                 f"px4.axes_evidence '{self._path}': no list of proofs of axes; accepted: the file"
@@ -114,7 +96,11 @@ class AxesFile:
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             with self._path.open("a", encoding="utf-8") as file:
-                file.write(yaml.safe_dump([evidence.as_mapping()], sort_keys=False))
+                file.write(
+                    yaml.safe_dump(
+                        [asdict(evidence) | {"tilt_rad": list(evidence.tilt_rad)}], sort_keys=False
+                    )
+                )
         except OSError as error:
             raise InputError(
                 f"px4.axes_evidence '{self._path}': can't be written ({error.strerror}); accepted:"
@@ -123,12 +109,25 @@ class AxesFile:
         return f", kept in {self._path}"
 
 
+def _read_record(entry: dict[str, Any]) -> AxesEvidence:
+    """Return the record of an entry of the file; entries may hold more than it.
+
+    Raises:
+        KeyError: a value is missing.
+        ValueError: it proves axes without a tilt.
+    """
+    values = {name.name: entry[name.name] for name in fields(AxesEvidence)}
+    tilt = [float(angle) for angle in values["tilt_rad"]]
+    if not values["mistake"] and len(tilt) != 2:
+        raise ValueError("tilt_rad")
+    return AxesEvidence(**values | {"tilt_rad": tilt})
+
+
 TURN_RAD, CARRY_M = 1.0, 1.0
 """Least motion of the proof about each axis, and along each axis."""
-_WINDOW_NS = 40_000_000_000
-_POSE_NS = 15_000_000
-"""Poses that come more often are left out."""
-_TURNING = 0.3
+HAND_NS = 40_000_000_000
+"""Motion of this age counts [ns]."""
+TURNING = 0.3
 """[rad/s]: slower counts as rest."""
 _LEAST_TURNED_RAD = 1.0
 """[rad] turned in all."""
@@ -150,27 +149,26 @@ _UNEXPLAINED = (
 )
 
 
-@dataclass(frozen=True)
-class HandVerdict:
-    """Result of the check.
+class HandVerdict(NamedTuple):
+    """Result of a motion by hand.
 
     Attributes:
-        delay_s: delay of the poses before their stamps.
-        mistake: fault of the axes, in words; "" without a fault.
-        sure: False: they turn otherwise, and no known mistake explains how.
         turned: about each axis of the autopilot, to and fro [rad].
         carried: along each axis of map, to and fro [m].
-        moves: the positions were compared with the accelerometer along each axis.
         least_carried: along the direction in which it was carried least, to and fro [m].
+        delay_s: delay of the poses before their stamps; NaN: it was turned too little to tell.
+        mistake: fault of the axes, in words; "" without a fault.
+        sure: False: they turn otherwise, and no known mistake explains how.
+        moves: the positions were compared with the accelerometer along each axis.
     """
 
-    delay_s: float
-    mistake: str
+    turned: tuple[float, ...]
+    carried: tuple[float, ...]
+    least_carried: float
+    delay_s: float = math.nan
+    mistake: str = ""
     sure: bool = True
-    turned: tuple[float, ...] = (0.0, 0.0, 0.0)
-    carried: tuple[float, ...] = (0.0, 0.0, 0.0)
     moves: bool = False
-    least_carried: float = 0.0
 
     @property
     def proven(self) -> bool:
@@ -178,85 +176,38 @@ class HandVerdict:
         return not self.mistake and self.moves and min(self.turned) >= TURN_RAD
 
 
-class MotionCheck:
-    """Collects what gyro, accelerometer and poses say; `compare` compares it.
+def judge_hand_motion(poses: Any, imu: Any, angle_max: float) -> HandVerdict | None:
+    """Return the result of a motion by hand; None: the vehicle was not turned enough to tell.
 
-    Attributes:
-        verdict: the last one; None as long as the vehicle was not turned.
+    Args:
+        poses: samples `POSE` of the motion.
+        imu: samples `IMU` of the same time.
+        angle_max: the axes may be off by this [rad].
     """
-
-    def __init__(self, angle_max: float) -> None:
-        """Make the check; the axes may be off by an angle [rad]."""
-        self._angle_max = angle_max
-        self._poses: deque[tuple[int, Array, Array]] = deque(maxlen=4000)
-        self._imu: deque[tuple[int, Array, Array]] = deque(maxlen=12000)
-        self._moved = False
-        self.verdict: HandVerdict | None = None
-
-    def pose(self, stamp_ns: int, position: Array, attitude: Array) -> None:
-        """Take position (3) and attitude (4) xyzw of a pose."""
-        if not self._poses or stamp_ns - self._poses[-1][0] >= _POSE_NS:
-            self._poses.append((stamp_ns, position, attitude))
-
-    def imu(self, stamp_ns: int, rates: Array, accel: Array) -> None:
-        """Take body rates (3) [rad/s] and specific force (3); stamps of the poses' clock."""
-        if not self._imu or stamp_ns > self._imu[-1][0]:
-            self._moved |= float(rates @ rates) > _TURNING**2
-            self._imu.append((stamp_ns, rates, accel))
-
-    def forget(self) -> None:
-        """Forget all samples: a flight is not a motion by hand."""
-        self._poses.clear()
-        self._imu.clear()
-        self._moved = False
-
-    def reset(self) -> None:
-        """Forget all samples and the verdict."""
-        self.forget()
-        self.verdict = None
-
-    def compare(self, now_ns: int) -> HandVerdict | None:
-        """Compare the last seconds; return the newest verdict."""
-        if self._moved:
-            self._moved = False
-            poses = [p for p in self._poses if now_ns - p[0] < _WINDOW_NS]
-            imu = [s for s in self._imu if now_ns - s[0] < _WINDOW_NS]
-            if len(imu) >= 50 and len(poses) >= 20:
-                self.verdict = _judge_motion(poses, imu, self._angle_max) or self.verdict
-        return self.verdict
-
-
-def _judge_motion(
-    poses: Sequence[tuple[int, Array, Array]],
-    imu: Sequence[tuple[int, Array, Array]],
-    angle_max: float,
-) -> HandVerdict | None:
-    """Return the result of the motion; None: the vehicle was not turned enough to tell."""
-    imu_stamps = np.array([s[0] for s in imu])
-    times = (imu_stamps - imu_stamps[0]) * 1e-9
-    rates, force = np.array([g for _, g, _ in imu]), np.array([f for _, _, f in imu])
-    stamps = np.array([p[0] for p in poses])
-    positions, attitudes = np.array([p[1] for p in poses]), np.array([p[2] for p in poses])
-    steps, speed = np.diff(times), np.linalg.norm(rates[1:], axis=1)
-    fast = speed > _TURNING
-    turned = (np.abs(rates[1:]) * steps[:, None])[fast].sum(axis=0)
+    if len(imu) < 50 or len(poses) < 20:
+        return None
+    begin_ns, rates = imu["stamp_ns"][0], imu["gyro"]
+    gyro_times, times = ((s["stamp_ns"] - begin_ns) * 1e-9 for s in (imu, poses))
+    steps, speed = np.diff(gyro_times), np.linalg.norm(rates[1:], axis=1)
+    fast = speed > TURNING
     if float(speed[fast] @ steps[fast]) < _LEAST_TURNED_RAD:
         return None
-    ways, least = _carried(positions)
-    about, carried = tuple(turned.tolist()), tuple(ways.tolist())
-    if min(about) < TURN_RAD:
-        return HandVerdict(math.nan, "", True, about, carried, False, least)
-    fit = fit_axes(imu_stamps, rates, stamps, attitudes, any_axes=True)
+    turned = tuple((np.abs(rates[1:]) * steps[:, None])[fast].sum(axis=0).tolist())
+    verdict = HandVerdict(turned, *_carried(poses["position"]))
+    if min(turned) < TURN_RAD:
+        return verdict
+    fit = fit_axes(gyro_times, rates, times, poses["attitude"], any_axes=True)
     if not len(fit.felt):
         return None
     if fit.left > _AGREES:
-        return HandVerdict(math.nan, _UNEXPLAINED, False, about, carried, False, least)
+        return verdict._replace(mistake=_UNEXPLAINED, sure=False)
     axes = np.eye(3) if _angle(fit.axes) <= angle_max else fit.axes
-    seconds = (stamps - imu_stamps[0]) * 1e-9 - fit.delay_s
-    motion = _compare_motion(seconds, positions, attitudes, times, force @ axes.T)
-    moves = motion.compared and least >= CARRY_M
-    mistake = _explain(axes, motion, angle_max)
-    return HandVerdict(fit.delay_s, mistake, True, about, carried, moves, least)
+    motion = _compare_motion(times - fit.delay_s, poses, gyro_times, imu["accel"] @ axes.T)
+    return verdict._replace(
+        delay_s=fit.delay_s,
+        mistake=_explain(axes, motion, angle_max),
+        moves=motion.compared and verdict.least_carried >= CARRY_M,
+    )
 
 
 class _PositionMotion(NamedTuple):
@@ -288,27 +239,24 @@ class _PositionMotion(NamedTuple):
         return self.agrees and max(abs(self.scale - 1.0), self.scale_error) < _SCALE_OFF
 
 
-def _compare_motion(
-    times: Array, position: Array, attitude: Array, felt_times: Array, force: Array
-) -> _PositionMotion:
+def _compare_motion(times: Array, poses: Any, felt_times: Array, force: Array) -> _PositionMotion:
     """Compare the second differences of positions with the accelerometer.
 
     Args:
-        times: (N) of the poses [s].
-        position: (N, 3) [m].
-        attitude: (N, 4) xyzw.
+        times: (N) of the capture of the poses [s].
+        poses: (N) samples `POSE`.
         felt_times: (K) of the accelerometer [s].
         force: (K, 3) specific force, in the axes of the tracked body.
     """
     inside = (felt_times >= times[0]) & (felt_times <= times[-1])
     felt_times, force = felt_times[inside], force[inside]
-    steady = unwrap_quaternions(attitude)
+    steady = unwrap_quaternions(poses["attitude"])
     between = np.stack([np.interp(felt_times, times, q) for q in steady.T], axis=1)
     between /= np.maximum(np.linalg.norm(between, axis=1, keepdims=True), 1e-9)
     felt = body_to_map(between, force)
     mean = felt.mean(axis=0)
     up = mean / max(float(np.linalg.norm(mean)), 1e-9)
-    seen, wanted = second_differences(times, position, felt_times, felt - GRAVITY * up)
+    seen, wanted, _ = second_differences(times, poses["position"], felt_times, felt - GRAVITY * up)
     known = _PositionMotion(up)
     W, S = float((wanted**2).sum()), float((seen**2).sum())
     if len(seen) < 50 or min(W, S) <= 0.0:
@@ -319,28 +267,26 @@ def _compare_motion(
     same = S * W - product**2 > _CLEARER * (S * W - plain**2)
     if same:
         axes, product = np.eye(3), plain
-    correlation = product / math.sqrt(S * W)
-    if correlation < _MOVES_AGREE:
+    if product < _MOVES_AGREE * math.sqrt(S * W):
         return known
-    count = len(seen) / (2 * SHORT_HALF)
-    error = math.sqrt((1.0 / correlation**2 - 1.0) / count)
+    weight_s = np.full(len(seen), GRID_S)
+    sums = sum_motion(seen @ axes, wanted, weight_s, 2 * HALF * GRID_S)
     # a vehicle carried along a diagonal alone would agree along exchanged axes, too
     _, directions = np.linalg.eigh(wanted.T @ wanted)
     s, w = seen @ directions, wanted @ directions
     size = np.sqrt((s**2).sum(axis=0) * (w**2).sum(axis=0))
     agrees = same and bool(((s * w).sum(axis=0) >= _MOVES_AGREE * size).all())
-    scale = product / W
-    return _PositionMotion(up, axes, scale, 3.0 * error * scale, agrees)
+    return _PositionMotion(up, axes, sums.slope, sums.error, agrees)
 
 
-def _carried(position: Array) -> tuple[Array, float]:
+def _carried(position: Array) -> tuple[tuple[float, ...], float]:
     """Return the way to and fro along each axis (3), and along the weakest direction [m].
 
     Positions (N, 3) are thinned, so that their noise adds nothing.
     """
     steps = np.diff(position[:: max(len(position) // 400, 1)], axis=0)
     _, directions = np.linalg.eigh(steps.T @ steps)
-    way: Array = np.abs(steps).sum(axis=0)
+    way = tuple(np.abs(steps).sum(axis=0).tolist())
     return way, float(np.abs(steps @ directions).sum(axis=0).min())
 
 

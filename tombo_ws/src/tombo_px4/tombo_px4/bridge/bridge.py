@@ -23,7 +23,7 @@ from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_px4.bridge.axes_proof import AxesEvidence
 from tombo_px4.bridge.bridge_params import BridgeParams, LinkParams
-from tombo_px4.bridge.checklist import Preflight, PreflightFinding
+from tombo_px4.bridge.checklist import Checklist, Finding
 from tombo_px4.bridge.flight_watch import FlightWatch, RepeatedPose
 from tombo_px4.bridge.level_descent import LevelDescent
 from tombo_px4.bridge.link_health import MessageRates
@@ -37,7 +37,7 @@ from tombo_px4.bridge.session import (
     VehicleCommand,
 )
 from tombo_px4.bridge.setpoint_stream import FlightLimits, SetpointStream
-from tombo_px4.bridge.vehicle_parameters import HOVER, READ, FindingSeverity, ParameterReader
+from tombo_px4.bridge.vehicle_parameters import HOVER, READ, ParameterReader
 from tombo_px4.link import messages
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.messages import (
@@ -106,15 +106,15 @@ class Bridge:
         self.answered = 0
         """TIMESYNC requests of the vehicle that were answered."""
         self.message_decoder = MessageDecoder(self.sync, link.own_system, link.own_component)
-        self.preflight = Preflight(params, proofs)
+        self.checklist = Checklist(params, proofs)
         self.limits = limits or FlightLimits()
-        self.watch = FlightWatch(params, self.limits)
+        self.watch = FlightWatch(params, self.limits, self.checklist)
         self.descent = LevelDescent(mass, self.limits.safety)
         self._repeated = RepeatedPose()
         self.session = Session(_LINK_TIMEOUT_S)
         self.poses_sent = 0
         self.poses_refused: Counter[str] = Counter()
-        self.findings: list[PreflightFinding] = []
+        self.findings: list[Finding] = []
         self.status = BridgeStatus()
         self.estimate_trusted = False
         """PX4's estimate may be relied on: the checks have passed, or it flies."""
@@ -161,7 +161,7 @@ class Bridge:
             "COMMAND_ACK": self._take_ack,
             "STATUSTEXT": self._say,
             "EXTENDED_SYS_STATE": partial(setattr, self, "_landed"),
-            "ESTIMATOR_STATUS": partial(setattr, self.preflight, "estimator"),
+            "ESTIMATOR_STATUS": partial(setattr, self.checklist, "estimator"),
             "PARAM_VALUE": self.parameters.take,
             "BATTERY_STATUS": lambda message: self._out.battery.append(message),
             "ATTITUDE_TARGET": self._take_throttle,
@@ -170,18 +170,16 @@ class Bridge:
 
     def _take_version(self, content: tuple[str, str]) -> None:
         self._version, hardware_id = content
-        self.preflight.take_vehicle(hardware_id)
+        self.checklist.take_vehicle(hardware_id)
 
     def _take_imu(self, message: VehicleImu) -> None:
-        self.preflight.imu(message)
+        self.checklist.take_imu(message, self._odometry, self._flying)
         before, self._imu = self._imu, message
         if message.stamp_ns is None:
             return
         self._out.imu.append(message)
         if self._flying or float(np.linalg.norm(message.gyro)) > _TURNING:
             self._repeated.moves()
-        if self._odometry is not None:
-            self.watch.motion.imu(message, self._odometry, self._flying)
         if before is not None:
             step_s = min((message.boot_ns - before.boot_ns) * 1e-9, _LONGEST_STEP_S)
             self.descent.feel(message.gyro, message.accel, step_s)
@@ -222,13 +220,13 @@ class Bridge:
             return
         self._boot_ns = message.boot_ns
         self._odometry = message
-        self.preflight.odometry.append(message)
+        self.checklist.take_odometry(message)
         if message.stamp_ns is not None:
             self._out.odometry.append(message)
 
     def _rebooted(self, now_ns: int) -> None:
         self._out.events.append(("vehicle_rebooted", "PX4 was restarted: its clock went back"))
-        self.preflight.reset()
+        self.checklist.reset()
         self.parameters.reset()
         self._done_ns.pop("ask", None)
         self._linked_ns = now_ns
@@ -248,18 +246,19 @@ class Bridge:
         Returns:
             Why it is not sent.
         """
-        age_s = (now_ns - stamp_ns) * 1e-9
+        age_s, length = (now_ns - stamp_ns) * 1e-9, np.linalg.norm(attitude)
         why = self._refuse_pose(stamp_ns, now_ns, frame_id, position, attitude)
         if why:
             self.poses_refused[why.key] += 1
-            self.preflight.refused_pose(why, now_ns, age_s)
+            self.checklist.refused_pose(why, now_ns, age_s)
             if why == PoseRefusal.DISTRUSTED:  # its motion shows the direction to brake by
-                self.watch.motion.pose(stamp_ns, position, attitude / np.linalg.norm(attitude))
+                self.checklist.pose(
+                    stamp_ns, now_ns, position, attitude / np.linalg.norm(attitude)
+                )
             return why
         self.pose_stamp_ns, self.watch.pose_ns = stamp_ns, now_ns
-        unit = attitude / np.linalg.norm(attitude)
-        self.preflight.pose(stamp_ns, now_ns, position, unit)
-        self.watch.motion.pose(stamp_ns, position, unit)
+        unit = attitude / length
+        self.checklist.pose(stamp_ns, now_ns, position, unit)
         pose = messages.pose_message(stamp_ns, position, unit)
         self._out.messages.append(pose)
         self.poses_sent += 1
@@ -337,7 +336,7 @@ class Bridge:
             tuple(f.text for f in self._blocking),
             self._must_land(now_ns),
             self.stream.takeoff_commands,
-            bool(self.watch.motion.mistake),
+            self.watch.mistake is not None,
             self.descent.touched,
         )
 
@@ -345,19 +344,19 @@ class Bridge:
         """Return the set point to send now, if one is due."""
         odometry = self._odometry
         if stream == SetpointSource.LEVEL_DESCENT and odometry is not None:
-            velocity = self.watch.motion.velocity
+            velocity = self.checklist.motion.velocity
             wanted = self.descent.step(now_ns, odometry.attitude, velocity, self.hover_thrust)
             if wanted is None:
                 return []
             return [messages.attitude_target(*wanted, self._target, now_ns)]
         self.descent.end()
-        self.stream.ceiling = self.watch.ceiling(now_ns, self.preflight.latest_position)
+        self.stream.ceiling = self.watch.ceiling(now_ns)
         message = self.stream.message(stream, self._present(now_ns), now_ns)
         return [] if message is None else [message]
 
     @property
-    def _blocking(self) -> list[PreflightFinding]:
-        return [f for f in self.findings if f.weight == FindingSeverity.BLOCKS]
+    def _blocking(self) -> list[Finding]:
+        return [f for f in self.findings if f.blocks]
 
     def _must_land(self, now_ns: int) -> str:
         """Return why the flight must end, "" if it may go on."""
@@ -367,21 +366,21 @@ class Bridge:
         if not self._flying:
             self.watch.rest()
             return ""
-        return self.watch.must_land(now_ns, self._odometry, self._blocking)
+        return self.watch.must_land(now_ns, self._odometry, self.findings)
 
     def _watch_motion(self, now_ns: int, out: BridgeOutput) -> None:
         """Compare the motion of the poses since the arming with that of PX4's sensors."""
         follows = self.session.stage == SessionStage.FLYING
         takes_off = follows and self.stream.phase == Phase.TAKEOFF
-        latest = self.preflight.latest_position
+        latest = self.checklist.latest_position
         beside_m = 0.0 if latest is None else self.stream.horizontal_distance(latest)
         mistake = self.watch.follow(now_ns, self._armed, takes_off, beside_m)
         if mistake is not None:
-            key = "axes_wrong" if mistake.voids_proof else "poses_wrong"
+            key = "axes_wrong" if mistake.check.voids_proof else "poses_wrong"
             out.events.append((key, mistake.text))
-            if mistake.voids_proof:
-                self.preflight.refute(mistake.text, now_ns)
-        out.evidence = self.preflight.take_evidence()
+            if mistake.check.voids_proof:
+                self.checklist.refute(mistake.text, now_ns)
+        out.evidence = self.checklist.take_evidence()
 
     def _update_estimate_trusted(self, now_ns: int) -> None:
         self._ready_ns = (self._ready_ns or now_ns) if self.status.ready else None
@@ -408,7 +407,7 @@ class Bridge:
         if self._heartbeat is not None:
             self._heartbeat = self._heartbeat._replace(arrival_ns=now_ns)
         self._odometry = None
-        self.preflight.reset()
+        self.checklist.reset()
         self.parameters.reset()
         self.message_rates.clear()
         self.session.clock_set_back(out)
@@ -495,10 +494,10 @@ class Bridge:
 
     # --- What is wrong ------------------------------------------------------------------------
 
-    def _check(self, now_ns: int) -> list[PreflightFinding]:
+    def _check(self, now_ns: int) -> list[Finding]:
         if self._linked_ns is None:
             return []
-        return self.preflight.findings(
+        return self.checklist.findings(
             now_ns,
             self.sync,
             self.parameters.values,
@@ -513,8 +512,7 @@ class Bridge:
         settled = now_ns - (self._linked_ns or now_ns) > _SETTLE_NS
         flies = self.session.stage in (SessionStage.FLYING, SessionStage.LANDING)
         for finding in self.findings if settled or flies else ():
-            if finding.weight != FindingSeverity.ADVICE:
-                out.faults[f"check.{finding.key}"] = finding.text
+            out.faults[f"check.{finding.key}"] = finding.text
         if self.session.stage == SessionStage.FLYING:
             out.faults.update(self.stream.faults(now_ns))
         if settled:
@@ -552,14 +550,16 @@ class Bridge:
             "stage": status.stage.value,
             "timesync_offset_ns": sync.offset_ns,
             "timesync_round_trip_us": None if sync.rtt_ns is None else round(sync.rtt_ns * 1e-3),
-            "mocap_rate_hz": self.preflight.pose_rate_hz(now_ns),
-            "mocap_latency_ms": round(1e3 * self.preflight.latency_s(now_ns), 2),
+            "mocap_rate_hz": self.checklist.pose_rate_hz(now_ns),
+            "mocap_latency_ms": round(1e3 * self.checklist.latency_s(now_ns), 2),
             "poses_sent": self.poses_sent,
             "setpoints_sent": self.stream.sent,
             "odometry_latency_ms": None
             if last is None or last.stamp_ns is None
             else round((last.arrival_ns - last.stamp_ns) * 1e-6, 2),
-            "findings": " | ".join(f"{f.weight.name.lower()}: {f.text}" for f in self.findings),
+            "findings": " | ".join(
+                f"{'blocks' if f.blocks else 'warning'}: {f.text}" for f in self.findings
+            ),
         }
         for prefix, values in (
             ("poses_refused", self.poses_refused),

@@ -1,18 +1,17 @@
-"""The checklist before arming: each check is a question with its evidence and its message.
+"""The checklist: each check is a question, when it is asked, its evidence and its message.
 
 PX4 reports nothing about wrong axes, wrong stamps and poses that it does not fuse. So each
-evidence looks at the samples of the last second and at PX4's parameters. It returns the message:
-fault, cause and remedy; "" without a fault.
+evidence looks at the samples of the last second, at PX4's parameters, or at the motion since the
+arming. The message names fault, cause and remedy.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from enum import Flag, auto
 from functools import partial
-from itertools import takewhile
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,133 +20,188 @@ from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.pose_tracks import bodies_apart
 from tombo_dynamics.rotation import rotate_vector, up_in_body, yaw_pitch_roll
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.axes_proof import (
     CARRY_M,
+    HAND_NS,
     TURN_RAD,
+    TURNING,
     AxesEvidence,
     HandVerdict,
-    MotionCheck,
+    judge_hand_motion,
     valid_proof,
 )
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
-from tombo_px4.bridge.vehicle_parameters import (
-    EV_CTRL,
-    EV_DELAY,
-    FUSED,
-    FindingSeverity,
-    explain_parameters,
-)
+from tombo_px4.bridge.flight_motion import COHERENT, DECIDES_S, FlightMotion
+from tombo_px4.bridge.pose_motion import IMU, POSE, MotionSums, Samples
+from tombo_px4.bridge.vehicle_parameters import EV_CTRL, EV_DELAY, FUSED, explain_parameters
 from tombo_px4.link.messages import EstimatorStatusFlags, VehicleImu, VehicleOdometry
 from tombo_px4.link.timesync import TimeSync
 
-_ADVICE, _WARNING, _BLOCKS = FindingSeverity
 _WINDOW_NS = SECOND_NS
-_KEPT = 600
 _LEAST_SAMPLES = 8
-_SILENT_NS = 200_000_000
-_SLOWEST_HZ = 20.0
-_STANDS_GYRO, _STANDS_ACCEL = 0.3, 0.5
-"""[rad/s], [m/s^2]: a vehicle that stands shows less in a second."""
-_NO_TURN, _NO_PUSH = 0.15, 0.8
-"""[rad/s], [m/s^2]: a vehicle that stands still shows no more."""
-_STILL_GYRO, _STILL_ACCEL = 1e-4, 1e-3
-"""[rad/s], [m/s^2]: no sensor is as quiet as this, but a simulated one."""
-_FROZEN_NS = 800_000_000
-_POSITION_OFF_M = 0.2
-"""Largest distance of PX4's position from the pose at rest: two EKF2_EVP_NOISE."""
-_YAW_OFF_RAD = _TILT_OFF_RAD = math.radians(10.0)
-"""Largest difference of PX4's yaw from the pose's, and of the pose's up from gravity's. Estimated,
-because rigid bodies are defined by eye."""
-_IN_FLIGHT = 5.0
-"""Factor on the largest difference of PX4's position in flight."""
-_ODOMETRY_SILENT_NS = 500_000_000
-_ESTIMATOR_SILENT_NS = 5 * SECOND_NS
-_GAP_NS = 100_000_000
-"""Between two poses further apart no pose is interpolated."""
-_DELAY_OFF_MS = 20.0
-_OTHER_BODY_RAD = 0.035
-"""The tilt of a body at rest against gravity tells it from another definition of it: 2 deg."""
-_LARGEST_NOISE_M = 0.02
-"""[m]: poses of a vehicle at rest have less noise."""
-_REQUESTS_NS = 3 * SECOND_NS
+_HAND_POSES = 3000
+"""Most poses of a motion by hand that are compared."""
 
 
-class PreflightFinding(NamedTuple):
-    """A fault, its cause and the remedy."""
+class CheckLimits(NamedTuple):
+    """Thresholds of the checks."""
+
+    silent_ns: int = 200_000_000  # longest time without a pose
+    slowest_hz: float = 20.0  # of the poses; EKF2 wants 20 Hz
+    rest_rate: float = 0.3  # [rad/s], a vehicle that stands turns slower
+    rest_force: float = 0.5  # [m/s^2], standard deviation of its specific force
+    still_rate: float = 1e-4  # [rad/s], standard deviation: only a simulated gyro is as quiet
+    frozen_ns: int = 800_000_000  # the bits of a pose don't change for longer
+    position_off_m: float = 0.2  # of PX4's position from the pose: two EKF2_EVP_NOISE
+    in_flight: float = 5.0  # factor on this distance in flight
+    angle_off: float = math.radians(10.0)  # of yaw and up; rigid bodies are defined by eye
+    odometry_silent_ns: int = 500_000_000  # longest time without ODOMETRY
+    estimator_silent_ns: int = 5 * SECOND_NS  # longest time without ESTIMATOR_STATUS
+    gap_ns: int = 100_000_000  # between two poses further apart none is interpolated
+    delay_off_ms: float = 20.0  # of the measured delay from EKF2_EV_DELAY
+    other_body: float = 0.035  # [rad], tilt of a body at rest tells it from another one: 2 deg
+    noise_m: float = 0.02  # poses of a vehicle at rest have less noise
+    requests_ns: int = 3 * SECOND_NS  # PX4 asks for our time within this
+    # in hover over a real PX4 in gusts it is 0.06 m RMS away, at first at most 0.1 m
+    takeoff_drift_m: float = 0.15  # from the set point while it takes off
+    takeoff_repeats_s: float = 0.2  # of a repeated pose in the check at take-off
+    height_off_m: float = 2.0  # barometer and poses, in 5 s: propellers and doors make 1 m
+    off_m: float = 0.15  # of the second differences over 0.8 s: 0.9 m/s^2
+    turn_least_s: float = 0.3  # time of rotation that is compared
+    confirms_s: float = 0.8  # time of motion after which the axes are called right
+    wrong_turn: float = math.radians(35.0)  # of the motion of the poses against PX4's
+    right_turn: float = math.radians(20.0)
+    # slopes of poses of another body, or scale; a pose 50 ms late has 0.7 at 3 Hz
+    slope_still: float = 0.5
+    slope_low: float = 0.75
+    slope_high: float = 1.25
+    still_share: float = 0.3  # of the squared motion: less is standing still
+    after_strike_s: float = 2.0  # so long turns that agree count more than accelerations
+
+
+LIMITS = CheckLimits()
+
+
+class When(Flag):
+    """When a check is asked."""
+
+    GROUND = auto()
+    FLIGHT = auto()
+    MOTION = auto()
+    """Armed: of the motion since then."""
+
+
+Values = tuple[object, ...] | None
+
+
+class Check(NamedTuple):
+    """A question of the checklist.
+
+    Attributes:
+        key: of its finding.
+        question: that must be answered with yes.
+        evidence: returns the values of the message if the answer is no, else None.
+        message: fault, cause and remedy.
+        when: it is asked.
+        blocks: the bridge does not arm while the answer is no.
+        unless: keys of earlier findings that explain it: then it is not asked.
+        ends_flight: in flight the vehicle must land.
+        voids_proof: axes, scale or body are wrong.
+        rotated: the poses are turned or mirrored, but are this vehicle's: it brakes by them. Else
+            the velocity is as if they had not been followed lately.
+    """
 
     key: str
+    question: str
+    evidence: Callable[[Checklist], Values]
+    message: str
+    when: When = When.GROUND | When.FLIGHT
+    blocks: bool = True
+    unless: tuple[str, ...] = ()
+    ends_flight: bool = False
+    voids_proof: bool = False
+    rotated: bool = False
+
+
+class Finding(NamedTuple):
+    """A check whose answer is no, and the message: fault, cause and remedy."""
+
+    check: Check
     text: str
-    weight: FindingSeverity
+
+    @property
+    def key(self) -> str:
+        """Key of the check."""
+        return self.check.key
+
+    @property
+    def blocks(self) -> bool:
+        """The bridge does not arm."""
+        return self.check.blocks
 
 
-class SentPose(NamedTuple):
-    """A pose that was sent to PX4."""
-
-    stamp_ns: int
-    arrival_ns: int
-    position: Array
-    attitude: Array
-
-
-_Arrived = TypeVar("_Arrived", SentPose, VehicleImu, VehicleOdometry)
-
-
-def _lately(samples: deque[_Arrived], now_ns: int) -> list[_Arrived]:
-    """Return those of the last second, oldest first, without looking at the older ones."""
-    recent = list(takewhile(lambda s: now_ns - s.arrival_ns < _WINDOW_NS, reversed(samples)))
-    return recent[::-1]
-
-
-class Preflight:
+class Checklist:
     """Collects poses and telemetry, keeps the proof of the axes, asks the questions.
 
     Attributes:
         vehicle: hardware id of the autopilot; empty: not known yet.
-        odometry: PX4's estimates; the caller adds them.
+        poses, imu, odometry: the newest samples.
         estimator: what PX4 said last about its estimator; the caller sets it.
-        motion: what moving the vehicle by hand has shown.
+        verdict: what moving the vehicle by hand has shown.
         evidence: the last proof of the axes of this body; None: there is none, or it was refuted.
+        refuted: fault of the axes, until a new proof.
+        motion: since the arming.
     """
 
     def __init__(self, params: BridgeParams, proofs: Sequence[AxesEvidence] = ()) -> None:
         """Make the checks; `proofs` are those of the tracked body."""
         self.params, self._proofs = params, proofs
         self.vehicle = ""
-        self._poses: deque[SentPose] = deque(maxlen=_KEPT)
-        self._refused: dict[PoseRefusal, tuple[int, float]] = {}
-        self._imu: deque[VehicleImu] = deque(maxlen=_KEPT)
-        self.odometry: deque[VehicleOdometry] = deque(maxlen=_KEPT)
+        self.poses, self.imu = Samples(POSE, 10_000), Samples(IMU, 10_000)
+        self.odometry = Samples(POSE, 1000)
+        self.motion = FlightMotion(self.poses, self.imu)
+        self._refusals: dict[PoseRefusal, tuple[int, float]] = {}
         self.estimator: EstimatorStatusFlags | None = None
-        self._judged_ns = 0
-        self.motion = MotionCheck(_TILT_OFF_RAD)
+        self.verdict: HandVerdict | None = None
         self.evidence: AxesEvidence | None = None
+        self.refuted = ""
         self._new_evidence: AxesEvidence | None = None
         self._proved: HandVerdict | None = None
-        self.refuted = ""
-        """Fault of the axes, until a new proof."""
+        self._judged_ns = self._hand_since_ns = 0
 
     def pose(self, stamp_ns: int, arrival_ns: int, position: Array, attitude: Array) -> None:
-        """Take a pose that was sent to PX4."""
-        self._poses.append(SentPose(stamp_ns, arrival_ns, position, attitude))
-        self.motion.pose(stamp_ns, position, attitude)
+        """Take a pose: position (3) [m], attitude (4) xyzw, unit."""
+        self.poses.add(stamp_ns, arrival_ns, position, attitude)
 
     def refused_pose(self, why: PoseRefusal, now_ns: int, age_s: float = 0.0) -> None:
         """Record a pose that was not sent, and its age."""
-        self._refused[why] = (now_ns, age_s)
+        self._refusals[why] = (now_ns, age_s)
 
-    def imu(self, sample: VehicleImu) -> None:
-        """Take a sample of PX4's sensors."""
-        self._imu.append(sample)
-        if sample.stamp_ns is not None:
-            self.motion.imu(sample.stamp_ns, sample.gyro, sample.accel)
+    def take_imu(
+        self, sample: VehicleImu, estimate: VehicleOdometry | None, airborne: bool
+    ) -> None:
+        """Take a sample of PX4's sensors and its estimate of about the same time."""
+        level = np.array([0.0, 0.0, 0.0, 1.0])
+        attitude = level if estimate is None else estimate.attitude
+        force = rotate_vector(attitude, sample.accel)
+        if sample.stamp_ns is not None and self.imu.add(
+            sample.stamp_ns, sample.arrival_ns, sample.gyro, sample.accel, force,
+            sample.pressure_altitude, airborne,
+        ):  # fmt: skip
+            self.motion.feel()
+
+    def take_odometry(self, estimate: VehicleOdometry) -> None:
+        """Take PX4's estimate."""
+        if estimate.stamp_ns is not None:
+            content = (estimate.arrival_ns, estimate.position, estimate.attitude)
+            self.odometry.add(estimate.stamp_ns, *content)
 
     def reset(self) -> None:
         """Forget everything: another vehicle, a restart of it, or a clock that was set."""
-        for samples in (self._poses, self._refused, self._imu, self.odometry):
+        for samples in (self.poses, self.imu, self.odometry, self._refusals):
             samples.clear()
-        self._judged_ns, self.estimator = 0, None
-        self.motion.reset()
+        self._judged_ns = self._hand_since_ns = 0
+        self.estimator = self.verdict = None
 
     def take_vehicle(self, hardware_id: str) -> None:
         """Take the hardware id of the autopilot: the last proof with it is valid."""
@@ -163,21 +217,23 @@ class Preflight:
     def refute(self, mistake: str, now_ns: int) -> None:
         """Record that the axes are wrong, whatever was proven before."""
         self.evidence, self.refuted = None, mistake
-        self._new_evidence = self._make_evidence(now_ns, mistake=mistake)
+        self._new_evidence = self._make_evidence(now_ns, mistake, [])
 
     def latency_s(self, now_ns: int) -> float:
         """Return the usual time from a pose's capture to its arrival here [s]; NaN: no poses."""
-        ages_s = [(p.arrival_ns - p.stamp_ns) * 1e-9 for p in _lately(self._poses, now_ns)]
-        return float(np.median(ages_s)) if ages_s else math.nan
+        poses = self.poses.since(now_ns - _WINDOW_NS, "arrival_ns")
+        ages_s = (poses["arrival_ns"] - poses["stamp_ns"]) * 1e-9
+        return float(np.median(ages_s)) if len(ages_s) else math.nan
 
     @property
     def latest_position(self) -> Array | None:
         """Position (3) of the newest pose, map [m]; None: none has come."""
-        return self._poses[-1].position if self._poses else None
+        newest = self.poses.newest
+        return None if newest is None else newest["position"].copy()
 
     def pose_rate_hz(self, now_ns: int) -> float:
         """Return how many poses came within the last second."""
-        return len(_lately(self._poses, now_ns)) / (_WINDOW_NS * 1e-9)
+        return len(self.poses.since(now_ns - _WINDOW_NS, "arrival_ns")) / (_WINDOW_NS * 1e-9)
 
     def findings(
         self,
@@ -189,8 +245,8 @@ class Preflight:
         answered: int,
         flying: bool,
         unwritten: Mapping[str, float] | None = None,
-    ) -> list[PreflightFinding]:
-        """Ask all questions in order; return the faults, the worst first.
+    ) -> list[Finding]:
+        """Ask all questions in order; return the faults, those that block first.
 
         Args:
             now_ns: the present.
@@ -203,167 +259,343 @@ class Preflight:
         """
         self.now_ns, self.sync, self.values, self.flying = now_ns, sync, values, flying
         self.linked_ns, self.answered, self.unwritten = linked_ns, answered, unwritten or {}
-        self._judge_motion()
+        self._judge_hand_motion()
         self._read_samples()
         if not flying:
             self._keep_proof()
-        wrong: dict[str, PreflightFinding] = {}
+        found = self._ask(When.FLIGHT if flying else When.GROUND)
+        return sorted(found, key=lambda finding: not finding.blocks)
+
+    def motion_findings(
+        self, drift_m: float, checks_takeoff: bool, silent_s: float
+    ) -> list[Finding]:
+        """Ask the questions of the motion since the arming.
+
+        Args:
+            drift_m: way from the set point since the arming, while it takes off [m].
+            checks_takeoff: the axes have to show yet.
+            silent_s: time since the last pose that was sent [s].
+        """
+        self.drift_m, self.checks_takeoff, self.silent_s = drift_m, checks_takeoff, silent_s
+        return self._ask(When.MOTION)
+
+    def _ask(self, when: When) -> list[Finding]:
+        found: dict[str, Finding] = {}
         for check in CHECKS:
-            if not wrong.keys() & {check.key, *check.unless} and (text := check.evidence(self)):
-                wrong[check.key] = PreflightFinding(check.key, text, check.weight)
-        return sorted(wrong.values(), key=lambda finding: -finding.weight)
+            if check.when & when and not found.keys() & {check.key, *check.unless}:
+                values = check.evidence(self)
+                if values is not None:
+                    found[check.key] = Finding(check, check.message.format(*values))
+        return list(found.values())
 
     # --- What the evidence looks at ---------------------------------------------------------
 
     def _read_samples(self) -> None:
         """Look at the last second."""
         now_ns = self.now_ns
-        self.poses, self.samples = _lately(self._poses, now_ns), _lately(self._imu, now_ns)
-        self.last_ns = self._poses[-1].arrival_ns if self._poses else 0
-        self.known_s = (now_ns - self._poses[0].arrival_ns) * 1e-9 if self._poses else 0.0
-        self.fresh = now_ns - self.last_ns <= _SILENT_NS
+        lately = now_ns - _WINDOW_NS
+        self.recent = self.poses.since(lately, "arrival_ns")
+        """Poses of the last second."""
+        sensed = self.imu.since(lately, "arrival_ns")
+        newest, oldest = self.poses.newest, self.poses.since(0)[:1]
+        self.last_ns = 0 if newest is None else int(newest["arrival_ns"])
+        self.known_s = (now_ns - int(oldest["arrival_ns"][0])) * 1e-9 if len(oldest) else 0.0
+        self.fresh = now_ns - self.last_ns <= LIMITS.silent_ns
         """Poses are coming."""
-        ages = self._refused.items()
-        self.refused = {why: age_s for why, (at, age_s) in ages if now_ns - at <= _WINDOW_NS}
+        ages = self._refusals.items()
+        self.refused = {why: age_s for why, (at, age_s) in ages if at >= lately}
         """Why poses were not sent, and their age [s]."""
-        enough = self.fresh and len(self.poses) >= _LEAST_SAMPLES
-        places = [p.position for p in self.poses] if enough else []
-        self.places = np.array(places).reshape(-1, 3)
+        enough = self.fresh and len(self.recent) >= _LEAST_SAMPLES
+        self.places = self.recent["position"] if enough else np.zeros((0, 3))
         """Positions (N, 3) of the poses [m]; none where they are too few, or old."""
         told = self.estimator
-        silent = told is None or now_ns - told.arrival_ns > _ESTIMATOR_SILENT_NS
+        silent = told is None or now_ns - told.arrival_ns > LIMITS.estimator_silent_ns
         self.told = None if silent else told
         """What PX4 has said of its estimator; None: nothing lately."""
         self.felt: tuple[Array, Array] | None = None
         """Rates and specific forces (N, 3) of PX4's sensors; None: too few."""
         self.at_rest = False
         """PX4's sensors show a vehicle that stands."""
-        if len(self.samples) >= _LEAST_SAMPLES:
-            gyro, accel = (np.array([getattr(s, k) for s in self.samples]) for k in _SENSORS)
-            self.felt = gyro, accel
-            stands = np.ptp(gyro, axis=0).max() < _STANDS_GYRO
-            self.at_rest = bool(stands and accel.std(axis=0).max() < _STANDS_ACCEL)
+        if len(sensed) >= _LEAST_SAMPLES:
+            gyro, accel = self.felt = sensed["gyro"], sensed["accel"]
+            stands = np.abs(gyro).max() < LIMITS.rest_rate
+            self.at_rest = bool(stands and accel.std(axis=0).max() < LIMITS.rest_force)
         self.tilt = self._tilt_at_rest()
         self.pairs = self._pairs()
 
-    def _tilt_at_rest(self) -> tuple[float, float] | None:
+    def _tilt_at_rest(self) -> list[float] | None:
         """Return how the tracked body's z is tilted in the vehicle [rad]; None: it is moved."""
-        if len(self.poses) < _LEAST_SAMPLES or self.felt is None or not self.at_rest:
+        if len(self.recent) < _LEAST_SAMPLES or self.felt is None or not self.at_rest:
             return None
-        tilts = up_in_body(np.array([p.attitude for p in self.poses]))
-        x, y, _ = (tilts.mean(axis=0) - _direction(self.felt[1].mean(axis=0))).tolist()
-        return x, y
+        mean = up_in_body(self.recent["attitude"]).mean(axis=0)
+        tilt: list[float] = (mean - _direction(self.felt[1].mean(axis=0)))[:2].tolist()
+        return tilt
 
     def _pairs(self) -> tuple[Array, Array, float] | None:
         """Return position of the pose, that of PX4, and yaw of the pose against PX4's.
 
         All of the same time, medians over the last second; None without enough of both.
         """
-        lately = [o for o in _lately(self.odometry, self.now_ns) if o.stamp_ns is not None]
-        if min(len(self.poses), len(lately)) < _LEAST_SAMPLES:
+        poses = self.recent
+        theirs = self.odometry.since(self.now_ns - _WINDOW_NS, "arrival_ns")
+        if min(len(poses), len(theirs)) < _LEAST_SAMPLES:
             return None
-        stamps = np.array([p.stamp_ns for p in self.poses])
-        seen = np.array([o.stamp_ns for o in lately])
+        stamps, seen = poses["stamp_ns"], theirs["stamp_ns"]
         after = np.clip(np.searchsorted(stamps, seen), 1, len(stamps) - 1)
         inside = (stamps[0] <= seen) & (seen <= stamps[-1])
-        use = inside & (stamps[after] - stamps[after - 1] <= _GAP_NS)
+        use = inside & (stamps[after] - stamps[after - 1] <= LIMITS.gap_ns)
         if use.sum() < _LEAST_SAMPLES:
             return None
-        seen = seen[use]
-        our_yaw = np.unwrap(yaw_pitch_roll(np.array([p.attitude for p in self.poses]))[:, 0])
-        columns = [*np.array([p.position for p in self.poses]).T, our_yaw]
-        x, y, z, yaw = (np.interp(seen, stamps, column) for column in columns)
-        theirs = np.array([o.position for o in lately])[use]
-        their_yaw = yaw_pitch_roll(np.array([o.attitude for o in lately])[use])[:, 0]
+        theirs = theirs[use]
+        our_yaw = np.unwrap(yaw_pitch_roll(poses["attitude"])[:, 0])
+        columns = [*poses["position"].T, our_yaw]
+        x, y, z, yaw = (np.interp(seen[use], stamps, column) for column in columns)
+        their_yaw = yaw_pitch_roll(theirs["attitude"])[:, 0]
         turn = float(np.angle(np.exp(1j * (yaw - their_yaw)).sum()))
         ours = np.median(np.stack([x, y, z], axis=1), axis=0)
-        return ours, np.median(theirs, axis=0), turn
+        return ours, np.median(theirs["position"], axis=0), turn
 
     # --- The proof of the axes --------------------------------------------------------------
 
-    def _judge_motion(self) -> None:
+    def _judge_hand_motion(self) -> None:
         """Judge a motion by hand once a second; what shows a mistake refutes the proof."""
         if self.flying:
-            self.motion.forget()
+            self._hand_since_ns = self.now_ns  # a flight is not a motion by hand
         elif self.now_ns - self._judged_ns >= _WINDOW_NS:
+            moved = self.imu.since(self._judged_ns)["gyro"]
             self._judged_ns = self.now_ns
-            self.motion.compare(self.now_ns)
-        verdict = self.motion.verdict
+            if len(moved) and np.linalg.norm(moved, axis=1).max() > TURNING:
+                since_ns = max(self.now_ns - HAND_NS, self._hand_since_ns)
+                poses, imu = self.poses.since(since_ns), self.imu.since(since_ns)
+                poses = poses[:: len(poses) // _HAND_POSES + 1]
+                verdict = judge_hand_motion(poses, imu, LIMITS.angle_off)
+                self.verdict = verdict or self.verdict
+        verdict = self.verdict
         if verdict is not None and verdict.mistake and verdict.sure and self.evidence is not None:
             self.refute(verdict.mistake, self.now_ns)
 
     def _keep_proof(self) -> None:
         """Keep a new proof, once the vehicle rests."""
-        verdict = self.motion.verdict
+        verdict = self.verdict
         if verdict is None or not verdict.proven or verdict is self._proved or self.tilt is None:
             return
         self._proved, self.refuted = verdict, ""
-        self.evidence = self._new_evidence = self._make_evidence(self.now_ns, tilt=self.tilt)
+        self.evidence = self._new_evidence = self._make_evidence(self.now_ns, "", self.tilt)
 
-    def _make_evidence(
-        self, now_ns: int, mistake: str = "", tilt: tuple[float, ...] = ()
-    ) -> AxesEvidence:
+    def _make_evidence(self, now_ns: int, mistake: str, tilt: list[float]) -> AxesEvidence:
         date = str(np.datetime_as_string(np.datetime64(now_ns, "ns"), unit="s", timezone="UTC"))
-        kept = tuple(round(v, 4) for v in tilt)
+        kept = [round(v, 4) for v in tilt]
         return AxesEvidence(date, self.params.tracked_body, self.vehicle, mistake, kept)
 
 
-_SENSORS = ("gyro", "accel")
-_Evidence = Callable[[Preflight], str]
+# --- Evidence: the values of the message, None without a fault -----------------------------------
 
 
-class Check(NamedTuple):
-    """A question of the checklist.
-
-    Attributes:
-        key: of its finding.
-        question: that must be answered with yes.
-        evidence: returns the message, if the answer is no.
-        weight: of the finding.
-        unless: keys of earlier findings that explain it: then it is not asked.
-    """
-
-    key: str
-    question: str
-    evidence: _Evidence
-    weight: FindingSeverity
-    unless: tuple[str, ...]
+def _words(text: str) -> Values:
+    return (text,) if text else None
 
 
-CHECKS: list[Check] = []
-"""The questions, in the order of this file: parameters, poses, time, what PX4 makes of the poses,
-axes."""
+def _when(wrong: object, *values: object) -> Values:
+    return values if wrong else None
 
 
-def check(
-    key: str, question: str, weight: FindingSeverity = _BLOCKS, unless: tuple[str, ...] = ()
-) -> Callable[[_Evidence], _Evidence]:
-    """Add the question that the decorated evidence answers."""
-
-    def add(evidence: _Evidence) -> _Evidence:
-        CHECKS.append(Check(key, question, evidence, weight, unless))
-        return evidence
-
-    return add
+def _not_taken(lab: Checklist) -> Values:
+    return _words(", ".join(f"{name}={value:g}" for name, value in lab.unwritten.items()))
 
 
-# --- Poses ---------------------------------------------------------------------------------------
+def _refusal(lab: Checklist, why: PoseRefusal) -> Values:
+    age_s = lab.refused.get(why, math.nan)
+    return _when(why in lab.refused, age_s, -age_s, lab.params.pose_age_max)
 
 
-@check("parameters_not_set", "did PX4 take what it was told?")
-def _(lab: Preflight) -> str:
-    pairs = ", ".join(f"{name}={value:g}" for name, value in lab.unwritten.items())
-    told = f"PX4 did not take: {pairs}; is the name right, the value within its bounds?"
-    return told if pairs else ""
+def _silence(lab: Checklist) -> Values:
+    silence = f" for {(lab.now_ns - lab.last_ns) * 1e-9:.1f} s" if lab.last_ns else ""
+    return _when(not lab.fresh and not lab.refused, silence)
 
+
+def _frozen(lab: Checklist) -> Values:
+    poses, felt = lab.recent, lab.felt
+    if len(lab.places) == 0:
+        return None
+    trembles = felt is None or felt[0].std(axis=0).max() > LIMITS.still_rate
+    long = poses["arrival_ns"][-1] - poses["arrival_ns"][0] >= LIMITS.frozen_ns
+    changes = np.ptp(lab.places, axis=0).any() or np.ptp(poses["attitude"], axis=0).any()
+    return _when(long and trembles and not changes)
+
+
+def _bodies(lab: Checklist) -> Values:
+    apart = bodies_apart(lab.places) if len(lab.places) else 0.0
+    return _when(apart > 0.0, apart)
+
+
+def _moving(lab: Checklist) -> Values:
+    spread = float(lab.places.std(axis=0).max()) if len(lab.places) and lab.at_rest else 0.0
+    return _when(spread > LIMITS.noise_m, spread)
+
+
+def _slow(lab: Checklist) -> Values:
+    count = len(lab.recent)
+    return _when(lab.fresh and lab.known_s > 1.0 and count < LIMITS.slowest_hz, count)
+
+
+def _unasked(lab: Checklist) -> Values:
+    return _when(not lab.answered and lab.now_ns - lab.linked_ns > LIMITS.requests_ns)
+
+
+def _not_fused(lab: Checklist) -> Values:
+    control, told = int(lab.values.get(EV_CTRL, FUSED)), lab.told
+    if not control & 1:
+        return (f"position is not fused: EKF2_EV_CTRL is {control}, without bit 0; set it to 11",)
+    known = told is None or not len(lab.recent) or (told.is_aided and told.has_position)
+    text = "PX4 knows no position though poses are sent: nothing is fused; EKF2_EV_CTRL, stamps,"
+    return _when(not known, f"{text} or poses that jump")
+
+
+def _gate(lab: Checklist) -> Values:
+    # NaN where no source is fused; max() of it depends on the order
+    ratios = () if lab.told is None else (lab.told.position_ratio, lab.told.height_ratio)
+    ratio = max((r for r in ratios if r > 1.0), default=0.0)
+    return _when(ratio > 0.0, ratio)
+
+
+def _no_position(lab: Checklist) -> Values:
+    last = lab.odometry.newest
+    silent_ns = lab.now_ns - (0 if last is None else int(last["arrival_ns"]))
+    return _when(silent_ns > LIMITS.odometry_silent_ns)
+
+
+def _elsewhere(lab: Checklist) -> Values:
+    if lab.pairs is None:
+        return None
+    ours, theirs, _ = lab.pairs
+    off, limit = math.dist(ours, theirs), LIMITS.position_off_m
+    places = (", ".join(f"{p:.2f}" for p in place) for place in (ours, theirs))
+    return _when(off > limit * (LIMITS.in_flight if lab.flying else 1.0), off, *places)
+
+
+def _yaw(lab: Checklist) -> Values:
+    turn = 0.0 if lab.pairs is None else lab.pairs[2]
+    return _when(abs(turn) > LIMITS.angle_off, math.degrees(turn))
+
+
+def _up(lab: Checklist) -> Values:
+    """Compare +z of the pose with gravity, unless a motion by hand says what is wrong."""
+    verdict = lab.verdict
+    named = verdict is not None and verdict.mistake and verdict.sure
+    if lab.felt is None or not lab.at_rest or not len(lab.recent) or named:
+        return None
+    up = rotate_vector(lab.recent["attitude"][-1], _direction(lab.felt[1].mean(axis=0)))
+    error = math.acos(min(max(float(up[2]), -1.0), 1.0))
+    return _when(error > LIMITS.angle_off, math.degrees(error))
+
+
+def _direction(vector: Array) -> Array:
+    unit: Array = vector / float(np.linalg.norm(vector))
+    return unit
+
+
+def _unproven(lab: Checklist) -> Values:
+    proof, verdict = lab.evidence, lab.verdict
+    simulated = lab.params.axes_evidence == SIMULATED and not lab.refuted
+    off = 0.0 if proof is None or lab.tilt is None else math.dist(proof.tilt_rad, lab.tilt)
+    if simulated or (proof is not None and off <= LIMITS.other_body):
+        return None
+    because, until_now = f" ({lab.refuted})" if lab.refuted else "", ""
+    if proof is not None:
+        because = (
+            f" (the proof of {proof.date} was of another body: it lay {math.degrees(off):.1f} deg"
+            " differently in the vehicle)"
+        )
+    if verdict is not None:
+        turned, carried = (
+            ", ".join(f"{v:.1f}" for v in way) for way in (verdict.turned, verdict.carried)
+        )
+        until_now = (
+            f" (until now: turned {turned} rad, carried {carried} m, {verdict.least_carried:.1f} m"
+            " in the direction of least motion)"
+        )
+    return because, until_now
+
+
+def _delay(lab: Checklist) -> Values:
+    told_ms = lab.values.get(EV_DELAY, 0.0)
+    delay_ms = math.nan if lab.verdict is None else 1e3 * lab.verdict.delay_s
+    off = abs(delay_ms - told_ms) > LIMITS.delay_off_ms  # NaN without such a motion
+    return _when(off, delay_ms, told_ms, max(delay_ms, 0.0))
+
+
+def _drift(lab: Checklist) -> Values:
+    drifts = lab.drift_m > LIMITS.takeoff_drift_m and lab.motion.has_new_pose
+    return _when(drifts and not lab.motion.confirmed, lab.drift_m)
+
+
+def _repeats(lab: Checklist) -> Values:
+    long = lab.checks_takeoff and lab.silent_s > LIMITS.takeoff_repeats_s
+    return _when(long and PoseRefusal.REPEATED in lab.refused)
+
+
+def _height(lab: Checklist) -> Values:
+    return _when(abs(lab.motion.climbed_m) > LIMITS.height_off_m, lab.motion.climbed_m)
+
+
+def _turning(lab: Checklist) -> Values:
+    turns = lab.motion.turns
+    if turns is None or turns.time_s < LIMITS.turn_least_s:
+        return None
+    return _when(turns.slope + turns.error < LIMITS.slope_still, _name(turns, "turns"))
+
+
+def _way(lab: Checklist) -> Values:
+    off_m = lab.motion.off_m if lab.motion.confirmed else lab.motion.off_up_m
+    return _when(off_m > LIMITS.off_m, off_m)
+
+
+def _aside(lab: Checklist) -> Values:
+    level = lab.motion.level
+    if lab.motion.confirmed or level.time_s < DECIDES_S:  # jumps of poses alone are not of axes
+        return None
+    along, mirrored = level.coherence(level.product), level.coherence(level.mirrored)
+    turn = float(np.angle(level.product))
+    if mirrored > max(COHERENT, 1.5 * along):
+        return ("mirrored to",)
+    wrong = along > COHERENT and abs(turn) > LIMITS.wrong_turn
+    return _when(wrong, f"{math.degrees(turn):+.0f} deg beside")
+
+
+def confirms_axes(motion: FlightMotion) -> bool:
+    """Return whether level motion has shown that the axes are right."""
+    level = motion.level
+    long = level.time_s > LIMITS.confirms_s and level.coherence(level.product) > COHERENT
+    return bool(long and abs(np.angle(level.product)) < LIMITS.right_turn)
+
+
+def _size(lab: Checklist) -> Values:
+    """Compare how far the poses move; turns that agree excuse them after a strike."""
+    motion, sums, turns = lab.motion, lab.motion.recent, lab.motion.turns
+    agree = turns is not None and turns.slope - turns.error > LIMITS.slope_still
+    excused = agree and motion.since_strike_s < LIMITS.after_strike_s
+    if excused or sums.time_s < DECIDES_S:
+        return None
+    most, least = sums.slope + sums.error, sums.slope - sums.error
+    wrong = (most < LIMITS.slope_low or least > LIMITS.slope_high) and not motion.confirmed
+    if most < LIMITS.slope_still or (wrong and sums.slope < LIMITS.still_share):
+        return (f"the tracked body {_name(sums, 'moves')}; is it this vehicle?",)
+    return _when(wrong, f"they move {sums.slope:.1f} times as far: wrong scale, or unit")
+
+
+def _name(sums: MotionSums, moves: str) -> str:
+    return "does not move" if sums.seen < LIMITS.still_share * sums.felt else f"{moves} otherwise"
+
+
+# --- The table ----------------------------------------------------------------------------------
 
 _REFUSED = {
     PoseRefusal.FUTURE: (
-        "mocap stamps are {ahead:.3g} s in the future: the clock of the mocap computer is ahead;"
+        "mocap stamps are {1:.3g} s in the future: the clock of the mocap computer is ahead;"
         " let chrony or NTP set both clocks"
     ),
     PoseRefusal.LATE: (
-        "mocap stamps are {age:.3g} s old when they arrive, accepted are {limit:g} s: the clock"
+        "mocap stamps are {0:.3g} s old when they arrive, accepted are {2:g} s: the clock"
         " of the mocap computer is behind (chrony, NTP), or the network is late"
     ),
     PoseRefusal.WRONG_FRAME: "mocap poses are not in frame map: let the driver publish in map",
@@ -379,264 +611,158 @@ _REFUSED = {
     ),
     PoseRefusal.DISTRUSTED: "poses were judged wrong in this flight: no pose is sent any more",
 }
-
-
-def _show_refusal(why: PoseRefusal, lab: Preflight) -> str:
-    age_s = lab.refused.get(why, math.nan)
-    text = _REFUSED[why].format(age=age_s, ahead=-age_s, limit=lab.params.pose_age_max)
-    return text if why in lab.refused else ""
-
-
-for _why in _REFUSED:
-    check(f"pose_{_why.key}", "can each pose be used?")(partial(_show_refusal, _why))
-
-
-@check("pose_stale", "do poses come?")
-def _(lab: Preflight) -> str:
-    silence = f" for {(lab.now_ns - lab.last_ns) * 1e-9:.1f} s" if lab.last_ns else ""
-    text = (
-        f"no mocap pose has come{silence}: is the driver running, is the body tracked, is the"
-        " topic /mocap/pose?"
-    )
-    return "" if lab.fresh or lab.refused else text
-
-
-@check("pose_frozen", "do their bits change?", _WARNING)
-def _(lab: Preflight) -> str:
-    poses, felt = lab.poses, lab.felt
-    if lab.flying or len(lab.places) == 0:
-        return ""
-    trembles = felt is None or (
-        felt[0].std(axis=0).max() > _STILL_GYRO or felt[1].std(axis=0).max() > _STILL_ACCEL
-    )
-    long = poses[-1].arrival_ns - poses[0].arrival_ns >= _FROZEN_NS
-    changes = np.ptp(lab.places, axis=0).any() or np.ptp([p.attitude for p in poses], 0).any()
-    text = (
+_GROUND, _MOTION = When.GROUND, When.MOTION
+CHECKS = (
+    Check(
+        "parameters_not_set", "did PX4 take what it was told?", _not_taken,
+        "PX4 did not take: {}; is the name right, the value within its bounds?",
+    ),
+    *(
+        Check(f"pose_{why.key}", "can each pose be used?", partial(_refusal, why=why), text)
+        for why, text in _REFUSED.items()
+    ),
+    Check(
+        "pose_stale", "do poses come?", _silence,
+        "no mocap pose has come{}: is the driver running, is the body tracked, is the topic"
+        " /mocap/pose?",
+    ),
+    Check(
+        "pose_frozen", "do their bits change?", _frozen,
         "mocap pose is frozen: not one bit has changed for a second; the tracker repeats its last"
-        " pose, the body is not seen (or it is simulated, without noise)"
-    )
-    return text if long and trembles and not changes else ""
-
-
-@check("pose_bodies", "are they of one body?")
-def _(lab: Preflight) -> str:
-    apart = bodies_apart(lab.places) if len(lab.places) else 0.0
-    text = (
-        f"mocap poses of two bodies or more take turns in one topic, {apart:.2f} m apart: give"
-        " each body a topic of its own"
-    )
-    return text if apart > 0.0 else ""
-
-
-@check("pose_moves", "do they rest with the vehicle, in metres?", unless=("pose_bodies",))
-def _(lab: Preflight) -> str:
-    at_rest = not lab.flying and len(lab.places) > 0 and lab.at_rest
-    spread = float(lab.places.std(axis=0).max()) if at_rest else 0.0
-    text = (
-        f"mocap poses move by {spread:.2g} m (standard deviation) while PX4's sensors are at rest:"
-        " another body is tracked, or poses are in millimetres"
-    )
-    return text if spread > _LARGEST_NOISE_M else ""
-
-
-@check("pose_rate", "do they come often enough?", _WARNING)
-def _(lab: Preflight) -> str:
-    slow = lab.fresh and lab.known_s > 1.0 and len(lab.poses) < _SLOWEST_HZ
-    text = f"mocap poses come at {len(lab.poses)} Hz: EKF2 wants {_SLOWEST_HZ:.0f} Hz and more"
-    return text if slow else ""
-
-
-# --- Time ----------------------------------------------------------------------------------------
-
-
-@check("timesync", "are the clocks compared?")
-def _(lab: Preflight) -> str:
-    text = (
+        " pose, the body is not seen (or it is simulated, without noise)",
+        _GROUND, blocks=False,
+    ),
+    Check(
+        "pose_bodies", "are they of one body?", _bodies,
+        "mocap poses of two bodies or more take turns in one topic, {:.2f} m apart: give each body"
+        " a topic of its own",
+    ),
+    Check(
+        "pose_moves", "do they rest with the vehicle, in metres?", _moving,
+        "mocap poses move by {:.2g} m (standard deviation) while PX4's sensors are at rest:"
+        " another body is tracked, or poses are in millimetres",
+        _GROUND, unless=("pose_bodies",),
+    ),
+    Check(
+        "pose_rate", "do they come often enough?", _slow,
+        "mocap poses come at {} Hz: EKF2 wants 20 Hz and more", blocks=False,
+    ),
+    Check(
+        "timesync", "are the clocks compared?", lambda lab: _when(not lab.sync.converged),
         "TIMESYNC has not converged: PX4's answers are missing or too few; stamps can't be"
-        " compared. Does the link work both ways?"
-    )
-    return "" if lab.sync.converged else text
-
-
-@check("timesync_unasked", "does PX4 use it?", _WARNING, ("timesync",))
-def _(lab: Preflight) -> str:
-    text = (
+        " compared. Does the link work both ways?",
+    ),
+    Check(
+        "timesync_unasked", "does PX4 use it?", _unasked,
         "PX4 has not asked for our time (TIMESYNC): it takes the arrival of poses for their"
-        " capture; enable TIMESYNC on its link (MAV_0_MODE onboard)"
-    )
-    return "" if lab.answered or lab.now_ns - lab.linked_ns <= _REQUESTS_NS else text
-
-
-# --- PX4's parameters and its use of the poses ---------------------------------------------------
-
-
-@check("loss_parameters", "does a loss end on the ground?")
-def _(lab: Preflight) -> str:
-    wrong = explain_parameters(lab.values, _BLOCKS)
-    text = (
-        f"a loss in flight would not end on the ground: {wrong}. With your consent the bridge sets"
-        " them: --bridge px4_parameters=safe"
-    )
-    return text if wrong else ""
-
-
-@check("mocap_parameters", "is mocap alone fused?", _WARNING)
-def _(lab: Preflight) -> str:
-    wrong = explain_parameters(lab.values, _WARNING)
-    text = f"{wrong}; --bridge px4_parameters=mocap sets all of them but EKF2_EV_DELAY"
-    return text if wrong else ""
-
-
-@check("link_parameters", "can it be armed by this link alone?", _ADVICE)
-def _(lab: Preflight) -> str:
-    return explain_parameters(lab.values, _ADVICE)
-
-
-@check("not_fused", "does PX4 fuse the poses?")
-def _(lab: Preflight) -> str:
-    control, told = int(lab.values.get(EV_CTRL, FUSED)), lab.told
-    if not control & 1:
-        return f"position is not fused: EKF2_EV_CTRL is {control}, without bit 0; set it to 11"
-    text = (
-        "PX4 knows no position though poses are sent: nothing is fused; EKF2_EV_CTRL, stamps, or"
-        " poses that jump"
-    )
-    known = told is None or not lab.poses or (told.is_aided and told.has_position)
-    return "" if known else text
-
-
-@check("poses_refused", "do they pass its gate?")
-def _(lab: Preflight) -> str:
-    told = lab.told
-    # NaN where no source is fused; max() of it depends on the order
-    ratios = () if told is None else (told.position_ratio, told.height_ratio)
-    ratio = max((r for r in ratios if r > 1.0), default=0.0)
-    text = (
-        f"PX4 refuses the poses: innovation test ratio {ratio:.1f}, accepted below 1; its estimate"
-        " is elsewhere: axes, stamps, or restart it"
-    )
-    return text if ratio > 0.0 else ""
-
-
-@check("no_position", "does it send its position?")
-def _(lab: Preflight) -> str:
-    last_ns = lab.odometry[-1].arrival_ns if lab.odometry else 0
-    text = "PX4 sends no position (ODOMETRY): it has no estimate, or the link is too slow"
-    return "" if lab.now_ns - last_ns <= _ODOMETRY_SILENT_NS else text
-
-
-@check("position_differs", "is it there?", unless=("no_position",))
-def _(lab: Preflight) -> str:
-    if lab.pairs is None:
-        return ""
-    ours, theirs, _ = lab.pairs
-    off, limit = math.dist(ours, theirs), _POSITION_OFF_M * (_IN_FLIGHT if lab.flying else 1.0)
-    text = (
-        f"PX4's position is {off:.2f} m away from the pose: pose ({_place(ours)}), PX4"
-        f" ({_place(theirs)}); are the poses fused (EKF2_EV_CTRL 11, EKF2_HGT_REF 3), does another"
-        " sensor, or another sender with other axes, feed PX4?"
-    )
-    return text if off > limit else ""
-
-
-def _place(position: Array) -> str:
-    return ", ".join(f"{p:.2f}" for p in position)
-
-
-@check("yaw_differs", "does it point there?", unless=("no_position",))
-def _(lab: Preflight) -> str:
-    turn = 0.0 if lab.pairs is None else lab.pairs[2]
-    text = (
-        f"yaw of mocap body differs from PX4 by {math.degrees(turn):+.0f} deg: x of the rigid body"
-        " is not the nose, or PX4's heading comes from the magnetometer (EKF2_EV_CTRL bit 3)"
-    )
-    return text if abs(turn) > _YAW_OFF_RAD else ""
-
-
-# --- Axes ----------------------------------------------------------------------------------------
-
-
-@check("no_imu", "does it send its sensors?")
-def _(lab: Preflight) -> str:
-    text = "PX4 sends no HIGHRES_IMU: which way is up can't be checked"
-    return "" if lab.flying or lab.felt is not None else text
-
-
-@check("moved", "does the vehicle stand?", _WARNING)
-def _(lab: Preflight) -> str:
-    if lab.flying or lab.felt is None or not lab.poses:
-        return ""
-    gyro, accel = (float(np.linalg.norm(v.mean(axis=0))) for v in lab.felt)
-    moved = gyro > _NO_TURN or abs(accel - GRAVITY) > _NO_PUSH
-    return "the vehicle is moved: put it down" if moved else ""
-
-
-@check("mocap_up", "does +z of the poses point up?", unless=("moved",))
-def _(lab: Preflight) -> str:
-    """Compare +z of the pose with gravity, unless a motion by hand says what is wrong."""
-    verdict = lab.motion.verdict
-    named = verdict is not None and verdict.mistake and verdict.sure
-    if lab.flying or lab.felt is None or not lab.poses or named:
-        return ""
-    up = rotate_vector(lab.poses[-1].attitude, _direction(lab.felt[1].mean(axis=0)))
-    error = math.acos(min(max(float(up[2]), -1.0), 1.0))
-    text = (
-        f"by its pose the vehicle at rest is tilted by {math.degrees(error):.0f} deg: either the"
-        " quaternion is w first (let the driver fill x, y, z, w); or the pose is Y-up (set the"
-        " streamed up axis to Z; OptiTrack Motive: Streaming, Up Axis); or it is one of a z-down"
-        " body (NED, FRD: send ENU and FLU); or the body was defined tilted (define it again with"
-        " the vehicle level and its nose along +x); turn and carry it by hand, which tells them"
-        " apart"
-    )
-    return text if error > _TILT_OFF_RAD else ""
-
-
-def _direction(vector: Array) -> Array:
-    unit: Array = vector / float(np.linalg.norm(vector))
-    return unit
-
-
-@check("mocap_axes", "did a motion by hand agree?")
-def _(lab: Preflight) -> str:
-    return "" if lab.motion.verdict is None else lab.motion.verdict.mistake
-
-
-@check("axes_unproven", "has it proven the axes?")
-def _(lab: Preflight) -> str:
-    proof, verdict = lab.evidence, lab.motion.verdict
-    simulated = lab.params.axes_evidence == SIMULATED and not lab.refuted
-    off = 0.0 if proof is None or lab.tilt is None else math.dist(proof.tilt_rad, lab.tilt)
-    if lab.flying or simulated or (proof is not None and off <= _OTHER_BODY_RAD):
-        return ""
-    because = f" ({lab.refuted})" if lab.refuted else ""
-    if proof is not None:
-        because = (
-            f" (the proof of {proof.date} was of another body: it lay {math.degrees(off):.1f} deg"
-            " differently in the vehicle)"
-        )
-    text = (
-        f"the axes of the poses are not proven{because}: propellers off, turn the vehicle by hand"
-        f" about each axis, {TURN_RAD:g} rad in all, and carry it briskly, {CARRY_M:g} m in all"
-        " along each axis, within 40 s; then put it down"
-    )
-    if verdict is None:
-        return text
-    turned, carried = (
-        ", ".join(f"{v:.1f}" for v in way) for way in (verdict.turned, verdict.carried)
-    )
-    return (
-        f"{text} (until now: turned {turned} rad, carried {carried} m, {verdict.least_carried:.1f}"
-        " m in the direction of least motion)"
-    )
-
-
-@check("stamp_delay", "did its stamps agree?", _WARNING, ("mocap_axes",))
-def _(lab: Preflight) -> str:
-    verdict, told_ms = lab.motion.verdict, lab.values.get(EV_DELAY, 0.0)
-    delay_ms = math.nan if verdict is None else 1e3 * verdict.delay_s
-    text = (
-        f"poses show the vehicle as it was {delay_ms:.0f} ms before their stamps (gyro compared),"
-        f" EKF2_EV_DELAY is {told_ms:.0f} ms: let the driver stamp the capture, or set it to"
-        f" {max(delay_ms, 0.0):.0f}"
-    )
-    return text if abs(delay_ms - told_ms) > _DELAY_OFF_MS else ""  # NaN without such a motion
+        " capture; enable TIMESYNC on its link (MAV_0_MODE onboard)",
+        blocks=False, unless=("timesync",),
+    ),
+    Check(
+        "loss_parameters", "does a loss end on the ground?",
+        lambda lab: _words(explain_parameters(lab.values, blocks=True)),
+        "a loss in flight would not end on the ground: {}. With your consent the bridge sets"
+        " them: --bridge px4_parameters=safe",
+    ),
+    Check(
+        "mocap_parameters", "is mocap alone fused?",
+        lambda lab: _words(explain_parameters(lab.values, blocks=False)),
+        "{}; --bridge px4_parameters=mocap sets all of them but EKF2_EV_DELAY", blocks=False,
+    ),
+    Check("not_fused", "does PX4 fuse the poses?", _not_fused, "{}", ends_flight=True),
+    Check(
+        "poses_refused", "do they pass its gate?", _gate,
+        "PX4 refuses the poses: innovation test ratio {:.1f}, accepted below 1; its estimate is"
+        " elsewhere: axes, stamps, or restart it",
+        ends_flight=True,
+    ),
+    Check(
+        "no_position", "does it send its position?", _no_position,
+        "PX4 sends no position (ODOMETRY): it has no estimate, or the link is too slow",
+        unless=("timesync",), ends_flight=True,
+    ),
+    Check(
+        "position_differs", "is it there?", _elsewhere,
+        "PX4's position is {:.2f} m away from the pose: pose ({}), PX4 ({}); are the poses fused"
+        " (EKF2_EV_CTRL 11, EKF2_HGT_REF 3), does another sensor, or another sender with other"
+        " axes, feed PX4?",
+        unless=("no_position",), ends_flight=True,
+    ),
+    Check(
+        "yaw_differs", "does it point there?", _yaw,
+        "yaw of mocap body differs from PX4 by {:+.0f} deg: x of the rigid body is not the nose,"
+        " or PX4's heading comes from the magnetometer (EKF2_EV_CTRL bit 3)",
+        unless=("no_position",), ends_flight=True,
+    ),
+    Check(
+        "no_imu", "does it send its sensors?", lambda lab: _when(lab.felt is None),
+        "PX4 sends no HIGHRES_IMU: which way is up can't be checked",
+        _GROUND, unless=("timesync",),
+    ),
+    Check(
+        "mocap_up", "does +z of the poses point up?", _up,
+        "by its pose the vehicle at rest is tilted by {:.0f} deg: either the quaternion is w first"
+        " (let the driver fill x, y, z, w); or the pose is Y-up (set the streamed up axis to Z;"
+        " OptiTrack Motive: Streaming, Up Axis); or it is one of a z-down body (NED, FRD: send ENU"
+        " and FLU); or the body was defined tilted (define it again with the vehicle level and its"
+        " nose along +x); turn and carry it by hand, which tells them apart",
+        _GROUND,
+    ),
+    Check(
+        "mocap_axes", "did a motion by hand agree?",
+        lambda lab: _words(lab.verdict.mistake if lab.verdict else ""), "{}",
+    ),
+    Check(
+        "axes_unproven", "has it proven the axes?", _unproven,
+        "the axes of the poses are not proven{}: propellers off, turn the vehicle by hand about"
+        f" each axis, {TURN_RAD:g} rad in all, and carry it briskly, {CARRY_M:g} m in all along"
+        " each axis, within 40 s; then put it down{}",
+        _GROUND,
+    ),
+    Check(
+        "stamp_delay", "did its stamps agree?", _delay,
+        "poses show the vehicle as it was {:.0f} ms before their stamps (gyro compared),"
+        " EKF2_EV_DELAY is {:.0f} ms: let the driver stamp the capture, or set it to {:.0f}",
+        blocks=False, unless=("mocap_axes",),
+    ),
+    Check(
+        "takeoff_drift", "does it hold its place while it takes off?", _drift,
+        "the vehicle is {:.2f} m beside its set point while it takes off: PX4 does not hold it;"
+        " axes of the poses, or a wind that is too strong",
+        _MOTION, rotated=True,
+    ),
+    Check(
+        "takeoff_repeats", "do poses change while it takes off?", _repeats,
+        _REFUSED[PoseRefusal.REPEATED], _MOTION,
+    ),
+    Check(
+        "height_differs", "does the barometer climb with the poses?", _height,
+        "within 5 s PX4's barometer has moved {:+.1f} m against the height of the poses: the"
+        " tracked body is not this vehicle",
+        _MOTION,
+    ),
+    Check(
+        "turns_differ", "do the poses turn as the gyro does?", _turning,
+        "poses do not turn as PX4's gyro does: the tracked body {}; is it this vehicle, is x of"
+        " the rigid body the nose?",
+        _MOTION, voids_proof=True,
+    ),
+    Check(
+        "way_differs", "do the poses move as the accelerometer does now?", _way,
+        "within 0.8 s the poses moved {:.2f} m less or more than PX4's accelerometer measures: is"
+        " the tracked body this vehicle?",
+        _MOTION,
+    ),
+    Check(
+        "moves_aside", "do the poses move where PX4 drives the vehicle?", _aside,
+        "poses move {} where PX4's tilt drives the vehicle: x of the rigid body is not the nose,"
+        " or the axes of the positions are not those of the attitude, or left-handed",
+        _MOTION, voids_proof=True, rotated=True,
+    ),
+    Check(
+        "moves_otherwise", "do the poses move as far as the vehicle?", _size,
+        "poses do not show the motion that PX4's accelerometer measures: {}",
+        _MOTION, voids_proof=True,
+    ),
+)  # fmt: skip
+"""The questions: poses, time, what PX4 makes of the poses, axes, motion in flight."""

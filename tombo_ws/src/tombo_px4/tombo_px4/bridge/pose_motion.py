@@ -2,39 +2,154 @@
 
 Both are compared over spans. A rotation is the integral of the gyro over a span. The second
 difference of positions over a span is the acceleration, weighted by a triangle: no velocity is
-needed, and no integration drifts.
+needed, and no integration drifts. The proof of the axes by hand and the checks in flight use the
+same comparison.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
+from tombo_dynamics.time_base import SECOND_NS
 
 GRID_S = 0.02
 """Step of the grid on which second differences are taken [s]."""
-SHORT_HALF = 8
+HALF = 8
 """Half a span, in steps of the grid: 0.16 s."""
-LONG_HALF = 20
-"""Half a long span, 0.4 s: a slow drift shows there."""
+ROTATION_SPAN_S = 0.09
+"""Rotations are compared over this time; between two frames the noise of poses is larger [s]."""
 _MAX_POSE_GAP_S = 0.1
 """Spans with a longer gap between two poses are left out [s]."""
-_ROTATION_SPAN_NS = 90_000_000
-"""Rotations are compared over this time; between two frames the noise of poses is larger."""
-_MAX_ROTATION_GAP_NS = 250_000_000
+_MAX_ROTATION_GAP_S = 0.25
 _MIN_SPANS = 20
 _EARLIEST_S, _LATEST_S, _COARSE_S, _FINE_S = -0.06, 0.3, 0.03, 0.005
 """Delays of the stamps that are tried [s]."""
 
+_TIMES = [("stamp_ns", "i8"), ("arrival_ns", "i8")]
+POSE = np.dtype([*_TIMES, ("position", "f8", 3), ("attitude", "f8", 4)])
+"""A pose of the motion capture that was sent, or PX4's estimate of it: map, base_link."""
+IMU = np.dtype(
+    [*_TIMES, ("gyro", "f8", 3), ("accel", "f8", 3), ("force", "f8", 3), ("altitude", "f8"),
+     ("airborne", "?")]
+)  # fmt: skip
+"""Rates [rad/s] and specific force [m/s^2] in base_link, the force in map by PX4's attitude,
+height of the barometer [m], and whether PX4 calls the vehicle airborne."""
+
+
+class Samples:
+    """The newest samples of one kind, with growing stamps."""
+
+    def __init__(self, kind: np.dtype[Any], most: int) -> None:
+        self._most = most
+        self._rows = np.empty(2 * most, kind)
+        self._end = 0
+
+    def add(self, stamp_ns: int, *values: object) -> bool:
+        """Add a sample; False: its stamp is not new. A clock that was set back begins anew."""
+        ahead_ns = stamp_ns - self._rows["stamp_ns"][self._end - 1] if self._end else 1
+        if -SECOND_NS < ahead_ns <= 0:
+            return False
+        if ahead_ns <= 0:
+            self.clear()
+        if self._end == len(self._rows):
+            self._end = self._most
+            self._rows[: self._end] = self._rows[self._end :]
+        self._rows[self._end] = (stamp_ns, *values)
+        self._end += 1
+        return True
+
+    @property
+    def newest(self) -> Any | None:
+        """The last sample; None: there is none."""
+        return self._rows[self._end - 1] if self._end else None
+
+    def last(self, count: int) -> Any:
+        """Return the newest samples."""
+        return self._rows[max(self._end - count, 0) : self._end]
+
+    def since(self, time_ns: int, clock: str = "stamp_ns") -> Any:
+        """Return the samples later than a time, of their stamps or of another column."""
+        rows = self._rows[: self._end]
+        return rows[np.searchsorted(rows[clock], time_ns, side="right") :]
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._end = 0
+
+
+class MotionSums(NamedTuple):
+    """Regression of the motion of the poses on the motion that the IMU implies.
+
+    Level motion is a complex number, so that a product with the conjugate is a turn, and one
+    without it a turn after a mirror; heights add to both. The slope is 1 for poses of this
+    vehicle, and 0 for a body that does not move with it. It is 1.5 for positions 1.5 times too
+    large. Noise of the poses widens its error, it does not move the slope.
+
+    Attributes:
+        span_s: length of a span [s]; samples within a span are not independent.
+        time_s: time of motion [s].
+        felt, seen: sums of squares.
+        product, mirrored: sums of the products.
+    """
+
+    span_s: float
+    time_s: float
+    felt: float
+    seen: float
+    product: complex
+    mirrored: complex
+
+    def coherence(self, product: complex) -> float:
+        """Return the share of both motions that one of the products explains."""
+        return abs(product) ** 2 / max(self.felt * self.seen, 1e-18)
+
+    @property
+    def slope(self) -> float:
+        """Motion of the poses over that of the IMU."""
+        return self.product.real / max(self.felt, 1e-18)
+
+    @property
+    def error(self) -> float:
+        """Three standard errors of the slope."""
+        rest = max(self.seen - self.slope * self.product.real, 0.0)
+        count = max(self.time_s / self.span_s, 1.0)
+        return 3.0 * math.sqrt(rest / max(self.felt, 1e-18) / count)
+
+
+def sum_motion(seen: Array, felt: Array, weight_s: Array, span_s: float) -> MotionSums:
+    """Return the regression of motion (M, 3) of the poses on that of the IMU.
+
+    Args:
+        seen: of the poses.
+        felt: of the IMU.
+        weight_s: (M) time that each sample stands for [s]; 0 leaves it out.
+        span_s: length of a span [s].
+    """
+    level, level_felt = (v[:, 0] + 1j * v[:, 1] for v in (seen, felt))
+    up = seen[:, 2] * felt[:, 2]
+    return MotionSums(
+        span_s,
+        float(weight_s.sum()),
+        float(weight_s @ (felt**2).sum(axis=1)),
+        float(weight_s @ (seen**2).sum(axis=1)),
+        complex(weight_s @ (level_felt.conj() * level + up)),
+        complex(weight_s @ (level_felt * level + up)),
+    )
+
 
 def second_differences(
-    times: Array, position: Array, felt_times: Array, acceleration: Array, half: int = SHORT_HALF
-) -> tuple[Array, Array]:
+    times: Array,
+    position: Array,
+    felt_times: Array,
+    acceleration: Array,
+    half: int = HALF,
+    strikes: Array | None = None,
+) -> tuple[Array, Array, Array]:
     """Return second differences of positions, measured and by the accelerations.
 
     Args:
@@ -43,13 +158,15 @@ def second_differences(
         felt_times: (K) of the accelerations [s], growing.
         acceleration: (K, 3) [m/s^2], in the same frame.
         half: steps of 0.02 s in half a span.
+        strikes: times [s] whose acceleration can't be used.
 
     Returns:
-        (M, 3) and (M, 3) [m], over spans without a gap.
+        (M, 3) and (M, 3) [m], and the ends (M) [s] of the spans; those with a gap are left out.
     """
-    grid = np.arange(times[-1], max(times[0], felt_times[0]), -GRID_S)[::-1]
+    latest, earliest = min(times[-1], felt_times[-1]), max(times[0], felt_times[0])
+    grid = np.arange(latest, earliest, -GRID_S)[::-1]
     if len(grid) <= 2 * half:
-        return np.zeros((0, 3)), np.zeros((0, 3))
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
     place = np.stack([np.interp(grid, times, p) for p in position.T], axis=1)
     push = _cell_means(grid, felt_times, acceleration)
     weights = half - np.abs(np.arange(-half + 1, half))
@@ -57,15 +174,16 @@ def second_differences(
     felt = np.stack([np.convolve(a[1:-1], weights, "valid") for a in push.T], axis=1)
     felt *= GRID_S**2
     after = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
-    gaps = (times[after] - times[after - 1] > _MAX_POSE_GAP_S).astype(float)
-    whole = np.convolve(gaps, np.ones(2 * half + 1), "valid") < 0.5
-    return seen[whole], felt[whole]
+    broken = (times[after] - times[after - 1] > _MAX_POSE_GAP_S).astype(float)
+    if strikes is not None:
+        broken[np.clip(np.searchsorted(grid, strikes), 0, len(grid) - 1)] = 1.0
+    whole = np.convolve(broken, np.ones(2 * half + 1), "valid") < 0.5
+    return seen[whole], felt[whole], grid[2 * half :][whole]
 
 
 def _cell_means(grid: Array, times: Array, values: Array) -> Array:
     """Return the means (M, 3) of values over the cells around the points of a grid."""
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(times)[:, None]
-    whole = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    whole = integrate(times, values)
     begin = np.maximum(grid - 0.5 * GRID_S, times[0])
     end = np.minimum(grid + 0.5 * GRID_S, times[-1])
     both = [np.interp(end, times, w) - np.interp(begin, times, w) for w in whole.T]
@@ -73,36 +191,28 @@ def _cell_means(grid: Array, times: Array, values: Array) -> Array:
     return mean
 
 
+def integrate(times: Array, values: Array) -> Array:
+    """Return the integral (N, 3) of values (N, 3) at times (N) [s], by trapezoids."""
+    parts = 0.5 * (values[1:] + values[:-1]) * np.diff(times)[:, None]
+    return np.vstack([np.zeros(3), np.cumsum(parts, axis=0)])
+
+
 TurnSpans = tuple[Array, Array, Array]
 """Begin (M) and end (M) [s] of short spans, and how far the poses turn in them (M, 3) [rad]."""
 
 
-def rotation_spans(stamps: Array, attitude: Array, begin_ns: int) -> TurnSpans:
-    """Return the rotations between poses a span apart.
-
-    Args:
-        stamps: (N) of the poses [ns], growing.
-        attitude: (N, 4) xyzw.
-        begin_ns: zero of the times that are returned.
-    """
-    early = np.searchsorted(stamps, stamps - _ROTATION_SPAN_NS, side="right") - 1
-    late = np.arange(len(stamps))
-    apart = stamps - stamps[np.maximum(early, 0)]
-    use = (early >= 0) & (apart >= _ROTATION_SPAN_NS) & (apart <= _MAX_ROTATION_GAP_NS)
+def rotation_spans(times: Array, attitude: Array) -> TurnSpans:
+    """Return the rotations between poses a span apart: times (N) [s], attitude (N, 4) xyzw."""
+    early = np.searchsorted(times, times - ROTATION_SPAN_S, side="right") - 1
+    late = np.arange(len(times))
+    use = (early >= 0) & (times - times[np.maximum(early, 0)] <= _MAX_ROTATION_GAP_S)
     early, late = early[use], late[use]
     turn = quaternion_multiply(conjugate(attitude[early]), attitude[late])
     turn = np.where(turn[:, 3:] < 0.0, -turn, turn)
     sine = np.linalg.norm(turn[:, :3], axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, turn[:, 3:])
     vector = turn[:, :3] * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 2.0)
-    seconds = (stamps - begin_ns) * 1e-9
-    return seconds[early], seconds[late], vector
-
-
-def integrate(times: Array, rates: Array) -> Array:
-    """Return the integral (N, 3) [rad] of body rates (N, 3) [rad/s] at times (N) [s]."""
-    parts = 0.5 * (rates[1:] + rates[:-1]) * np.diff(times)[:, None]
-    return np.vstack([np.zeros(3), np.cumsum(parts, axis=0)])
+    return times[early], times[late], vector
 
 
 class AxesFit(NamedTuple):
@@ -122,26 +232,24 @@ _NO_FIT = AxesFit(math.inf, 0.0, np.eye(3), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 def fit_axes(
-    imu_stamps: Array, rates: Array, stamps: Array, attitude: Array, any_axes: bool
+    gyro_times: Array, rates: Array, times: Array, attitude: Array, any_axes: bool
 ) -> AxesFit:
     """Return the delay and the axes by which the gyro explains most of the poses' rotations.
 
     Args:
-        imu_stamps: (K) of the gyro [ns], growing.
+        gyro_times: (K) of the gyro [s], growing.
         rates: (K, 3) [rad/s].
-        stamps: (N) of the poses [ns], growing.
+        times: (N) of the poses [s], growing.
         attitude: (N, 4) xyzw.
         any_axes: any rotation between the axes is looked for, which takes turns about each axis;
             else the axes are the autopilot's.
     """
-    begin_ns = imu_stamps[0]
-    times = (imu_stamps - begin_ns) * 1e-9
-    turned = integrate(times, rates)
-    spans = rotation_spans(stamps, attitude, begin_ns)
+    turned = integrate(gyro_times, rates)
+    spans = rotation_spans(times, attitude)
     best = _NO_FIT
     delays: list[float] = np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S).tolist()
     for step in (_COARSE_S, _FINE_S):
-        fits = [_fit_at(times, turned, spans, any_axes, delay) for delay in delays]
+        fits = [_fit_at(gyro_times, turned, spans, any_axes, delay) for delay in delays]
         best = min([best, *fits], key=lambda fit: fit.left)
         delays = (best.delay_s + np.arange(-step, step, _FINE_S)).tolist()
     return best
@@ -168,61 +276,3 @@ def _fit_at(
         axes = (left_ * handed) @ right
     left = (common - 2.0 * float((axes * matrix).sum())) / total
     return AxesFit(left, delay, axes, felt, seen)
-
-
-@dataclass
-class MotionSums:
-    """Regression of the motion of the poses on the motion that the IMU implies.
-
-    Level motion is a complex number, so that a product with the conjugate is a turn, and one
-    without it a turn after a mirror; heights add to both. The slope is 1 for poses of this
-    vehicle, and 0 for a body that does not move with it. It is 1.5 for positions 1.5 times too
-    large. Noise of the poses widens its error, it does not move the slope.
-
-    Attributes:
-        span_s: length of a span [s]; samples within a span are not independent.
-        least: smaller motion is noise, and left out.
-        memory_s: time in which earlier spans fade [s].
-        time_s: time of motion so far [s].
-        felt, seen: sums of squares.
-        product, mirrored: sums of the products.
-    """
-
-    span_s: float
-    least: float = 0.0
-    memory_s: float = math.inf
-    time_s: float = 0.0
-    felt: float = 0.0
-    seen: float = 0.0
-    product: complex = 0.0
-    mirrored: complex = 0.0
-
-    def add(self, felt: Array, seen: Array, step_s: float) -> None:
-        """Add the newest span, both (3)."""
-        (u, v, w), (x, y, z) = felt.tolist(), seen.tolist()
-        felt2, seen2 = u * u + v * v + w * w, x * x + y * y + z * z
-        if min(felt2, seen2) < self.least**2:
-            return
-        keep = math.exp(-step_s / self.memory_s)
-        self.time_s = keep * self.time_s + step_s
-        self.felt = keep * self.felt + step_s * felt2
-        self.seen = keep * self.seen + step_s * seen2
-        turn, mirror = complex(u, -v) * complex(x, y), complex(u, v) * complex(x, y)
-        self.product = keep * self.product + step_s * (turn + w * z)
-        self.mirrored = keep * self.mirrored + step_s * (mirror + w * z)
-
-    def coherence(self, product: complex) -> float:
-        """Return the share of both motions that one of the products explains."""
-        return abs(product) ** 2 / max(self.felt * self.seen, 1e-18)
-
-    @property
-    def slope(self) -> float:
-        """Motion of the poses over that of the IMU."""
-        return self.product.real / max(self.felt, 1e-18)
-
-    @property
-    def error(self) -> float:
-        """Three standard errors of the slope."""
-        rest = max(self.seen - self.slope * self.product.real, 0.0)
-        count = max(self.time_s / self.span_s, 1.0)
-        return 3.0 * math.sqrt(rest / max(self.felt, 1e-18) / count)

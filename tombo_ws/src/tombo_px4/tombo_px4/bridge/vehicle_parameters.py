@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import common as mav
@@ -19,19 +18,6 @@ _GPS_CTRL, _HAS_GPS = "EKF2_GPS_CTRL", "SYS_HAS_GPS"
 HOVER = "MPC_THR_HOVER"
 FUSED = 11
 """EKF2_EV_CTRL: position (1), height (2) and yaw (8)."""
-_OFFBOARD_EXCEPTED = 4
-
-
-class FindingSeverity(IntEnum):
-    """Severity of a finding."""
-
-    ADVICE = 0
-    WARNING = 1
-    BLOCKS = 2
-    """The bridge does not arm while it exists."""
-
-
-_ADVICE, _WARNING, _BLOCKS = FindingSeverity
 
 
 class FlightParameter(NamedTuple):
@@ -43,7 +29,7 @@ class FlightParameter(NamedTuple):
         why: what PX4 1.17 does with another value.
         set_by: word in `px4_parameters` that sets it; "": it is only told.
         accepts: whether a value is good; None: it is not checked.
-        weight: of the finding otherwise.
+        blocks: the bridge does not arm with another value.
     """
 
     name: str
@@ -51,7 +37,7 @@ class FlightParameter(NamedTuple):
     why: str
     set_by: str
     accepts: Callable[[float], bool] | None = None
-    weight: FindingSeverity = _ADVICE
+    blocks: bool = False
 
 
 _SAFE, _MOCAP = "safe", "mocap"
@@ -60,59 +46,58 @@ FLIGHT_PARAMETERS = (
         "COM_OBL_RC_ACT", 4,
         "set points or position lost: 4 lands; at 0, 1 and 2 it flies on in altitude and"
         " stabilized mode that nobody steers, at 3 it may climb to 60 m, at 6 and 7 it falls",
-        _SAFE, lambda action: action == 4, _BLOCKS,
+        _SAFE, lambda action: action == 4, blocks=True,
     ),
     FlightParameter(
         "COM_OF_LOSS_T", 1.0,
         "so long without set points it flies on; below 0.25 s one late set point ends a flight",
-        _SAFE, lambda seconds: 0.25 <= seconds <= 2.0, _BLOCKS,
+        _SAFE, lambda seconds: 0.25 <= seconds <= 2.0, blocks=True,
     ),
     FlightParameter(
         "EKF2_BARO_CTRL", 1,
         "the height while poses are lost; at 0 it does not notice the ground and stays armed",
-        _SAFE, lambda used: used == 1, _BLOCKS,
+        _SAFE, lambda used: used == 1, blocks=True,
     ),
     FlightParameter(
         "COM_DISARM_LAND", 2.0, "so long after landing it disarms; below 0 never",
-        _SAFE, lambda seconds: 0.1 <= seconds <= 10.0, _BLOCKS,
+        _SAFE, lambda seconds: 0.1 <= seconds <= 10.0, blocks=True,
     ),
     FlightParameter(
         EV_CTRL, FUSED,
         "without bit 0 it fuses no position, without bit 1 no height, without bit 3 no yaw: its"
         " heading is the magnetometer's, which is wrong indoors",
-        _MOCAP, lambda bits: int(bits) & FUSED == FUSED, _WARNING,
+        _MOCAP, lambda bits: int(bits) & FUSED == FUSED,
     ),
     FlightParameter(
         "EKF2_HGT_REF", 3,
         "height refers to another sensor than the poses: 0 the barometer, 1 GPS, 2 the range"
         " finder",
-        _MOCAP, lambda sensor: sensor == 3, _WARNING,
+        _MOCAP, lambda sensor: sensor == 3,
     ),
     FlightParameter(
         _GPS_CTRL, 0, "GPS pulls the estimate off indoors", _MOCAP, lambda used: used == 0,
-        _WARNING,
     ),
     FlightParameter(
         "EKF2_RNG_CTRL", 0, "the range finder pulls the estimate off",
-        _MOCAP, lambda used: used == 0, _WARNING,
+        _MOCAP, lambda used: used == 0,
     ),
     FlightParameter(
         "EKF2_MAG_TYPE", 5, "the magnetometer pulls the yaw off indoors",
-        _MOCAP, lambda kind: kind == 5, _WARNING,
+        _MOCAP, lambda kind: kind == 5,
     ),
     FlightParameter(
         EV_DELAY, 0.0, "it counts on top of stamps that already say when a pose was captured",
-        "", lambda ms: ms <= 30.0, _WARNING,
+        "", lambda ms: ms <= 30.0,
     ),
     FlightParameter(
         "NAV_DLL_ACT", 0,
         "the bridge is its ground station: PX4 does this when the bridge ends in flight",
-        _SAFE, lambda action: action <= 0,
+        _SAFE,
     ),
     FlightParameter(
         "COM_RCL_EXCEPT", 4,
         "without bit 2 it leaves OFFBOARD when no remote control is heard; or have one on",
-        _SAFE, lambda modes: bool(int(modes) & _OFFBOARD_EXCEPTED),
+        _SAFE,
     ),
     FlightParameter("COM_LOW_BAT_ACT", 2, "a critical battery: 2 lands", _SAFE),
     FlightParameter(_HAS_GPS, 0, "no GPS receiver is expected indoors", _MOCAP),
@@ -136,14 +121,14 @@ READ = (*(p.name for p in FLIGHT_PARAMETERS if p.accepts), _HAS_GPS, HOVER)
 """Parameters read from the vehicle."""
 
 
-def explain_parameters(values: Mapping[str, float | int], weight: FindingSeverity) -> str:
-    """Return in words which parameters of a severity are not accepted; "" if none is known."""
+def explain_parameters(values: Mapping[str, float | int], blocks: bool) -> str:
+    """Return in words which parameters, of those that block arming or not, are not accepted."""
     no_gps = values.get(_HAS_GPS, 1) == 0
     return "; ".join(
         f"{p.name} is {values[p.name]:g}, set it to {p.value:g} ({p.why})"
         for p in FLIGHT_PARAMETERS
         if p.accepts is not None
-        and p.weight == weight
+        and p.blocks == blocks
         and not p.accepts(values.get(p.name, p.value))
         and not (no_gps and p.name == _GPS_CTRL)
     )
@@ -209,8 +194,9 @@ class ParameterReader:
     def reset(self) -> None:
         """Forget all values: another vehicle, or a restart of it."""
         self._known: dict[str, ParameterValue] = {}
-        self._tries: Counter[str] = Counter()
-        self._writes: Counter[str] = Counter()
+        self._reads = dict.fromkeys(self._names, _TRIES)
+        """Name -> requests that are left, until it is answered."""
+        self._writes = dict.fromkeys(self._wanted, _TRIES)
         self._asked_ns: Counter[str] = Counter()
         self._changed: set[str] = set()
         self._begun_ns: int | None = None
@@ -223,11 +209,8 @@ class ParameterReader:
     @property
     def unwritten(self) -> dict[str, float]:
         """Names that the vehicle did not accept."""
-        return {
-            name: value
-            for name, value in self._wanted.items()
-            if self._silent(name) or self._writes[name] >= _TRIES
-        }
+        refused = (n for n in self._wanted if self._silent(n) or not self._writes[n])
+        return {name: self._wanted[name] for name in refused}
 
     @property
     def await_restart(self) -> list[str]:
@@ -241,42 +224,38 @@ class ParameterReader:
 
     def _silent(self, name: str) -> bool:
         """Return whether the vehicle does not answer to a name."""
-        return name not in self._known and self._tries[name] >= _TRIES
+        return name not in self._known and not self._reads[name]
 
     def take(self, parameter: ParameterValue) -> None:
         """Take a value, asked for or not: PX4 tells when one is changed."""
-        name, value = parameter.name, parameter.value
+        name = parameter.name
         if name not in self._names:
             return
-        self._known[name] = parameter
+        self._known[name], self._reads[name] = parameter, 0
         wanted = self._wanted.get(name, math.nan)
-        if math.isclose(value, wanted, rel_tol=1e-5, abs_tol=1e-5):
+        if math.isclose(parameter.value, wanted, rel_tol=1e-5, abs_tol=1e-5):
             del self._wanted[name]
-            if self._writes[name]:
+            if self._writes[name] < _TRIES:
                 self._changed.add(name)
 
     def tick(self, now_ns: int, on_ground: bool) -> list[Any]:
         """Return what to send now."""
-        begun_ns = self._begun_ns
-        if begun_ns is None or (on_ground and self.complete and now_ns - begun_ns > _AFRESH_NS):
-            tries = 0 if begun_ns is None else _TRIES - 1
-            self._tries = Counter(dict.fromkeys(self._names, tries))
-            self._asked_ns.clear()
-            self._begun_ns = begun_ns = now_ns
+        self._begun_ns = now_ns if self._begun_ns is None else self._begun_ns
+        if on_ground and self.complete and now_ns - self._begun_ns > _AFRESH_NS:
+            self._reads, self._begun_ns = dict.fromkeys(self._names, 1), now_ns
         messages: list[Any] = []
         for name in self._names:
-            asked_ns, known = self._asked_ns[name], self._known.get(name)
-            if now_ns - asked_ns <= _AGAIN_NS or len(messages) >= _AT_ONCE:
+            if now_ns - self._asked_ns[name] <= _AGAIN_NS or len(messages) >= _AT_ONCE:
                 continue
-            if name in self._wanted and known is not None and on_ground:
-                if self._writes[name] < _TRIES:
-                    self._writes[name] += 1
-                    self._asked_ns[name] = now_ns
-                    messages.append(self._write(name, self._wanted[name], known.kind))
-            elif self._tries[name] < _TRIES and (known is None or asked_ns < begun_ns):
-                self._tries[name] += 1
+            known = self._known.get(name)
+            if on_ground and known is not None and name in self._wanted:
+                counts, message = self._writes, self._write(name, self._wanted[name], known.kind)
+            else:
+                counts, message = self._reads, read_parameter(self._to, name)
+            if counts[name]:
+                counts[name] -= 1
                 self._asked_ns[name] = now_ns
-                messages.append(read_parameter(self._to, name))
+                messages.append(message)
         return messages
 
     def _write(self, name: str, value: float, kind: int) -> Any:
