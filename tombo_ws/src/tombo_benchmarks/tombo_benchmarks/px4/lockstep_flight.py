@@ -159,10 +159,7 @@ class LockstepRun:
     def _over(self) -> bool:
         """It has landed and is disarmed, or waited for that for long enough; or never began."""
         if self._began_ns is None:
-            verdict, now_s = (
-                self._bridge.checklist.verdict,
-                (self._now_ns - EPOCH_NS) * 1e-9,
-            )
+            verdict, now_s = (self._bridge.checklist.verdict, (self._now_ns - EPOCH_NS) * 1e-9)
             known = verdict is not None and bool(verdict.mistake) and verdict.sure
             return now_s > self._ready_s - (_AFTER_HAND_S - _MISTAKE_S if known else 0.0)
         if self._flown_s < self._end_s:

@@ -25,7 +25,7 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import body_to_map, unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.bridge_params import SIMULATED
-from tombo_px4.bridge.pose_motion import GRID_S, HALF, fit_axes, second_differences, sum_motion
+from tombo_px4.bridge.pose_motion import GRID_S, fit_axes, second_differences, sum_motion
 
 
 @dataclass(frozen=True)
@@ -196,8 +196,8 @@ def judge_hand_motion(poses: Any, imu: Any, angle_max: float) -> HandVerdict | N
     verdict = HandVerdict(turned, *_carried(poses["position"]))
     if min(turned) < TURN_RAD:
         return verdict
-    fit = fit_axes(gyro_times, rates, times, poses["attitude"], any_axes=True)
-    if not len(fit.felt):
+    fit = fit_axes(gyro_times, rates, times, poses["attitude"])
+    if math.isinf(fit.left):
         return None
     if fit.left > _AGREES:
         return verdict._replace(mistake=_UNEXPLAINED, sure=False)
@@ -270,7 +270,7 @@ def _compare_motion(times: Array, poses: Any, felt_times: Array, force: Array) -
     if product < _MOVES_AGREE * math.sqrt(S * W):
         return known
     weight_s = np.full(len(seen), GRID_S)
-    sums = sum_motion(seen @ axes, wanted, weight_s, 2 * HALF * GRID_S)
+    sums = sum_motion(seen @ axes, wanted, weight_s)
     # a vehicle carried along a diagonal alone would agree along exchanged axes, too
     _, directions = np.linalg.eigh(wanted.T @ wanted)
     s, w = seen @ directions, wanted @ directions

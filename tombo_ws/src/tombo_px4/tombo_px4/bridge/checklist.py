@@ -32,7 +32,7 @@ from tombo_px4.bridge.axes_proof import (
 )
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.flight_motion import COHERENT, DECIDES_S, FlightMotion
-from tombo_px4.bridge.pose_motion import IMU, POSE, MotionSums, Samples
+from tombo_px4.bridge.pose_motion import IMU, POSE, Samples
 from tombo_px4.bridge.vehicle_parameters import EV_CTRL, EV_DELAY, FUSED, explain_parameters
 from tombo_px4.link.messages import EstimatorStatusFlags, VehicleImu, VehicleOdometry
 from tombo_px4.link.timesync import TimeSync
@@ -66,8 +66,7 @@ class CheckLimits(NamedTuple):
     takeoff_drift_m: float = 0.15  # from the set point while it takes off
     takeoff_repeats_s: float = 0.2  # of a repeated pose in the check at take-off
     height_off_m: float = 2.0  # barometer and poses, in 5 s: propellers and doors make 1 m
-    off_m: float = 0.15  # of the second differences over 0.8 s: 0.9 m/s^2
-    turn_least_s: float = 0.3  # time of rotation that is compared
+    off_m: float = 0.08  # of the second differences over 0.48 s: 1.4 m/s^2
     confirms_s: float = 0.8  # time of motion after which the axes are called right
     wrong_turn: float = math.radians(35.0)  # of the motion of the poses against PX4's
     right_turn: float = math.radians(20.0)
@@ -76,7 +75,7 @@ class CheckLimits(NamedTuple):
     slope_low: float = 0.75
     slope_high: float = 1.25
     still_share: float = 0.3  # of the squared motion: less is standing still
-    after_strike_s: float = 2.0  # so long turns that agree count more than accelerations
+    after_strike_s: float = 2.0  # PX4's attitude may be wrong for so long
 
 
 LIMITS = CheckLimits()
@@ -538,13 +537,6 @@ def _height(lab: Checklist) -> Values:
     return _when(abs(lab.motion.climbed_m) > LIMITS.height_off_m, lab.motion.climbed_m)
 
 
-def _turning(lab: Checklist) -> Values:
-    turns = lab.motion.turns
-    if turns is None or turns.time_s < LIMITS.turn_least_s:
-        return None
-    return _when(turns.slope + turns.error < LIMITS.slope_still, _name(turns, "turns"))
-
-
 def _way(lab: Checklist) -> Values:
     off_m = lab.motion.off_m if lab.motion.confirmed else lab.motion.off_up_m
     return _when(off_m > LIMITS.off_m, off_m)
@@ -570,21 +562,16 @@ def confirms_axes(motion: FlightMotion) -> bool:
 
 
 def _size(lab: Checklist) -> Values:
-    """Compare how far the poses move; turns that agree excuse them after a strike."""
-    motion, sums, turns = lab.motion, lab.motion.recent, lab.motion.turns
-    agree = turns is not None and turns.slope - turns.error > LIMITS.slope_still
-    excused = agree and motion.since_strike_s < LIMITS.after_strike_s
-    if excused or sums.time_s < DECIDES_S:
+    motion, sums = lab.motion, lab.motion.recent
+    if motion.since_strike_s < LIMITS.after_strike_s or sums.time_s < DECIDES_S:
         return None
     most, least = sums.slope + sums.error, sums.slope - sums.error
     wrong = (most < LIMITS.slope_low or least > LIMITS.slope_high) and not motion.confirmed
     if most < LIMITS.slope_still or (wrong and sums.slope < LIMITS.still_share):
-        return (f"the tracked body {_name(sums, 'moves')}; is it this vehicle?",)
+        still = sums.seen < LIMITS.still_share * sums.felt
+        body = "does not move" if still else "moves otherwise"
+        return (f"the tracked body {body}; is it this vehicle?",)
     return _when(wrong, f"they move {sums.slope:.1f} times as far: wrong scale, or unit")
-
-
-def _name(sums: MotionSums, moves: str) -> str:
-    return "does not move" if sums.seen < LIMITS.still_share * sums.felt else f"{moves} otherwise"
 
 
 # --- The table ----------------------------------------------------------------------------------
@@ -742,18 +729,6 @@ CHECKS = (
         _MOTION,
     ),
     Check(
-        "turns_differ", "do the poses turn as the gyro does?", _turning,
-        "poses do not turn as PX4's gyro does: the tracked body {}; is it this vehicle, is x of"
-        " the rigid body the nose?",
-        _MOTION, voids_proof=True,
-    ),
-    Check(
-        "way_differs", "do the poses move as the accelerometer does now?", _way,
-        "within 0.8 s the poses moved {:.2f} m less or more than PX4's accelerometer measures: is"
-        " the tracked body this vehicle?",
-        _MOTION,
-    ),
-    Check(
         "moves_aside", "do the poses move where PX4 drives the vehicle?", _aside,
         "poses move {} where PX4's tilt drives the vehicle: x of the rigid body is not the nose,"
         " or the axes of the positions are not those of the attitude, or left-handed",
@@ -763,6 +738,12 @@ CHECKS = (
         "moves_otherwise", "do the poses move as far as the vehicle?", _size,
         "poses do not show the motion that PX4's accelerometer measures: {}",
         _MOTION, voids_proof=True,
+    ),
+    Check(
+        "way_differs", "do the poses move as the accelerometer does now?", _way,
+        "within 0.5 s the poses moved {:.2f} m less or more than PX4's accelerometer measures: is"
+        " the tracked body this vehicle?",
+        _MOTION,
     ),
 )  # fmt: skip
 """The questions: poses, time, what PX4 makes of the poses, axes, motion in flight."""

@@ -16,22 +16,12 @@ from numpy.typing import NDArray
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_px4.bridge.pose_motion import (
-    GRID_S,
-    ROTATION_SPAN_S,
-    MotionSums,
-    Samples,
-    fit_axes,
-    second_differences,
-    sum_motion,
-)
+from tombo_px4.bridge.pose_motion import GRID_S, SPAN_S, Samples, second_differences, sum_motion
 
 _LEVEL, _UPWARD = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _UP = GRAVITY * _UPWARD
 _WINDOW_NS = 10 * SECOND_NS
 """Motion of this age counts: the check at take-off takes 8 s [ns]."""
-HALF = 12
-"""Half a span, in steps of the grid: 0.24 s; a slow drift shows there, too."""
 _LEAST_M = 0.012
 """A smaller second difference is noise [m]: 0.2 m/s^2, a tilt of 1.2 deg."""
 _LEVEL_LEAST_M_S2, _VERTICAL_LEAST_M_S2 = 0.8, 0.5
@@ -41,10 +31,6 @@ _MEMORY_S = 1.0
 """Motion that poses have to show fades in this time: a body may be lost in flight [s]."""
 _OFF_S = 1.0 / 7.0
 """Single poses with exchanged markers do not last [s]."""
-_TURN_WINDOW_NS = 2 * SECOND_NS
-_TURN_LEAST_RAD, _TURN_MOST_RAD = 0.015, 0.7
-"""Rotations within 0.09 s that are compared: above the noise of poses, below the error of small
-angles [rad]."""
 DECIDES_S, COHERENT = 0.1, 0.6
 """Time of motion [s], and coherence, after which it tells about the axes."""
 _STRIKE_M_S2, _STRIKE_RAD_S = 0.8 * GRAVITY, 3.0
@@ -70,9 +56,8 @@ FRESH_NS = SECOND_NS // 5
 """Older poses show no motion of now [ns]."""
 _LONGEST_STEP_S = 0.05
 
-
-_SPAN_S, _SCALE = 2 * HALF * GRID_S, (HALF * GRID_S) ** 2
-_NOTHING = sum_motion(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), _SPAN_S)
+_SCALE = (0.5 * SPAN_S) ** 2
+_NOTHING = sum_motion(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
 class FlightMotion:
@@ -85,7 +70,6 @@ class FlightMotion:
         recent: motion that poses have to show; earlier one fades.
         off_m, off_up_m: least distance between poses and accelerometer over a span in the last
             1/7 s [m], and upwards.
-        turns: rotations of the last 2 s; None: too few.
         climbed_m: what the barometer moved within 5 s against the poses [m].
         since_strike_s: time since the last strike [s].
     """
@@ -99,7 +83,6 @@ class FlightMotion:
         self._rest = _UP
         self.level = self.weak = self.recent = _NOTHING
         self.off_m = self.off_up_m = 0.0
-        self.turns: MotionSums | None = None
         self.climbed_m, self.since_strike_s = 0.0, math.inf
         self.confirmed = False
         self._measured: Array = np.zeros(3)
@@ -237,12 +220,11 @@ class FlightMotion:
         if len(poses) < 4 or len(imu) < 8:
             return
         self._measure_height(poses, imu, now_ns)
-        self._measure_turns(now_ns)
         times, felt_times = ((rows["stamp_ns"] - now_ns) * 1e-9 for rows in (poses, imu))
         strikes = felt_times[_find_strikes(imu)]
         self.since_strike_s = -float(strikes[-1]) if len(strikes) else math.inf
         force = imu["force"] - self._rest
-        spans = second_differences(times, poses["position"], felt_times, force, HALF, strikes)
+        spans = second_differences(times, poses["position"], felt_times, force, strikes)
         if len(spans[0]):
             self._sum_spans(*spans)
 
@@ -251,13 +233,13 @@ class FlightMotion:
         flat, high = np.linalg.norm(felt[:, :2], axis=1), np.abs(felt[:, 2])
         every = np.full(len(ends), GRID_S)
         least = np.minimum(flat, np.linalg.norm(seen[:, :2], axis=1))
-        self.weak = sum_motion(_LEVEL * seen, _LEVEL * felt, every, _SPAN_S)
+        self.weak = sum_motion(_LEVEL * seen, _LEVEL * felt, every)
         above = every * (least >= _LEAST_M)
-        self.level = sum_motion(_LEVEL * seen, _LEVEL * felt, above, _SPAN_S)
+        self.level = sum_motion(_LEVEL * seen, _LEVEL * felt, above)
         use = np.outer(flat > _SCALE * _LEVEL_LEAST_M_S2, _LEVEL)
         use += np.outer(high > _SCALE * _VERTICAL_LEAST_M_S2, _UPWARD)
         fades = every * use.any(axis=1) * np.exp((ends - ends[-1]) / _MEMORY_S)
-        self.recent = sum_motion(use * seen, use * felt, fades, _SPAN_S)
+        self.recent = sum_motion(use * seen, use * felt, fades)
         off = (seen - felt)[ends >= ends[-1] - _OFF_S]
         self.off_m = float(np.linalg.norm(off, axis=1).min())
         self.off_up_m = float(np.abs(off[:, 2]).min())
@@ -272,20 +254,6 @@ class FlightMotion:
         above = aloft["altitude"] - np.interp(stamps, poses["stamp_ns"], poses["position"][:, 2])
         first, last = stamps < stamps[0] + _HEIGHT_MEAN_NS, stamps > stamps[-1] - _HEIGHT_MEAN_NS
         self.climbed_m = float(above[last].mean() - above[first].mean())
-
-    def _measure_turns(self, now_ns: int) -> None:
-        """Compare the rotations of the last 2 s with those of the gyro."""
-        poses = self._poses.since(now_ns - _TURN_WINDOW_NS)
-        imu = self._imu.since(now_ns - _TURN_WINDOW_NS - FRESH_NS)
-        self.turns = None
-        if len(poses) < 20 or len(imu) < 20:
-            return
-        times, gyro_times = ((rows["stamp_ns"] - now_ns) * 1e-9 for rows in (poses, imu))
-        fit = fit_axes(gyro_times, imu["gyro"], times, poses["attitude"], any_axes=False)
-        size = np.linalg.norm(fit.felt, axis=1)
-        use = (size > _TURN_LEAST_RAD) & (size < _TURN_MOST_RAD)
-        weight_s = use * float(times[-1] - times[0]) / len(times)
-        self.turns = sum_motion(fit.seen, fit.felt, weight_s, ROTATION_SPAN_S)
 
 
 def _find_strikes(imu: Any) -> NDArray[np.bool_]:

@@ -12,16 +12,18 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_dynamics.time_base import SECOND_NS
 
 GRID_S = 0.02
 """Step of the grid on which second differences are taken [s]."""
-HALF = 8
-"""Half a span, in steps of the grid: 0.16 s."""
-ROTATION_SPAN_S = 0.09
+_HALF = 12
+"""Half a span, in steps of the grid: a slow drift shows there, too."""
+SPAN_S = 2 * _HALF * GRID_S
+"""Length of a span, 0.48 s [s]; samples within a span are not independent."""
+_ROTATION_SPAN_S = 0.09
 """Rotations are compared over this time; between two frames the noise of poses is larger [s]."""
 _MAX_POSE_GAP_S = 0.1
 """Spans with a longer gap between two poses are left out [s]."""
@@ -91,13 +93,11 @@ class MotionSums(NamedTuple):
     large. Noise of the poses widens its error, it does not move the slope.
 
     Attributes:
-        span_s: length of a span [s]; samples within a span are not independent.
         time_s: time of motion [s].
         felt, seen: sums of squares.
         product, mirrored: sums of the products.
     """
 
-    span_s: float
     time_s: float
     felt: float
     seen: float
@@ -117,23 +117,21 @@ class MotionSums(NamedTuple):
     def error(self) -> float:
         """Three standard errors of the slope."""
         rest = max(self.seen - self.slope * self.product.real, 0.0)
-        count = max(self.time_s / self.span_s, 1.0)
+        count = max(self.time_s / SPAN_S, 1.0)
         return 3.0 * math.sqrt(rest / max(self.felt, 1e-18) / count)
 
 
-def sum_motion(seen: Array, felt: Array, weight_s: Array, span_s: float) -> MotionSums:
+def sum_motion(seen: Array, felt: Array, weight_s: Array) -> MotionSums:
     """Return the regression of motion (M, 3) of the poses on that of the IMU.
 
     Args:
         seen: of the poses.
         felt: of the IMU.
         weight_s: (M) time that each sample stands for [s]; 0 leaves it out.
-        span_s: length of a span [s].
     """
     level, level_felt = (v[:, 0] + 1j * v[:, 1] for v in (seen, felt))
     up = seen[:, 2] * felt[:, 2]
     return MotionSums(
-        span_s,
         float(weight_s.sum()),
         float(weight_s @ (felt**2).sum(axis=1)),
         float(weight_s @ (seen**2).sum(axis=1)),
@@ -147,7 +145,6 @@ def second_differences(
     position: Array,
     felt_times: Array,
     acceleration: Array,
-    half: int = HALF,
     strikes: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return second differences of positions, measured and by the accelerations.
@@ -157,7 +154,6 @@ def second_differences(
         position: (N, 3) [m].
         felt_times: (K) of the accelerations [s], growing.
         acceleration: (K, 3) [m/s^2], in the same frame.
-        half: steps of 0.02 s in half a span.
         strikes: times [s] whose acceleration can't be used.
 
     Returns:
@@ -165,6 +161,7 @@ def second_differences(
     """
     latest, earliest = min(times[-1], felt_times[-1]), max(times[0], felt_times[0])
     grid = np.arange(latest, earliest, -GRID_S)[::-1]
+    half = _HALF
     if len(grid) <= 2 * half:
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
     place = np.stack([np.interp(grid, times, p) for p in position.T], axis=1)
@@ -203,61 +200,47 @@ TurnSpans = tuple[Array, Array, Array]
 
 def rotation_spans(times: Array, attitude: Array) -> TurnSpans:
     """Return the rotations between poses a span apart: times (N) [s], attitude (N, 4) xyzw."""
-    early = np.searchsorted(times, times - ROTATION_SPAN_S, side="right") - 1
+    early = np.searchsorted(times, times - _ROTATION_SPAN_S, side="right") - 1
     late = np.arange(len(times))
     use = (early >= 0) & (times - times[np.maximum(early, 0)] <= _MAX_ROTATION_GAP_S)
     early, late = early[use], late[use]
-    turn = quaternion_multiply(conjugate(attitude[early]), attitude[late])
-    turn = np.where(turn[:, 3:] < 0.0, -turn, turn)
-    sine = np.linalg.norm(turn[:, :3], axis=1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, turn[:, 3:])
-    vector = turn[:, :3] * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 2.0)
-    return times[early], times[late], vector
+    earlier, later = (Rotation.from_quat(attitude[rows]) for rows in (early, late))
+    return times[early], times[late], (earlier.inv() * later).as_rotvec()
 
 
 class AxesFit(NamedTuple):
-    """How rotations of the poses follow from those of the gyro: `seen = axes @ felt`."""
+    """How rotations of the poses follow from those of the gyro: `poses = axes @ gyro`."""
 
     left: float
-    """Share of the turning that stays unexplained."""
+    """Share of the turning that stays unexplained; infinite: there are too few rotations."""
     delay_s: float
     axes: Array
-    felt: Array
-    """(M, 3) of the gyro [rad]."""
-    seen: Array
-    """(M, 3) of the poses [rad]."""
 
 
-_NO_FIT = AxesFit(math.inf, 0.0, np.eye(3), np.zeros((0, 3)), np.zeros((0, 3)))
+_NO_FIT = AxesFit(math.inf, 0.0, np.eye(3))
 
 
-def fit_axes(
-    gyro_times: Array, rates: Array, times: Array, attitude: Array, any_axes: bool
-) -> AxesFit:
+def fit_axes(gyro_times: Array, rates: Array, times: Array, attitude: Array) -> AxesFit:
     """Return the delay and the axes by which the gyro explains most of the poses' rotations.
 
     Args:
         gyro_times: (K) of the gyro [s], growing.
-        rates: (K, 3) [rad/s].
+        rates: (K, 3) [rad/s], turns about each axis.
         times: (N) of the poses [s], growing.
         attitude: (N, 4) xyzw.
-        any_axes: any rotation between the axes is looked for, which takes turns about each axis;
-            else the axes are the autopilot's.
     """
     turned = integrate(gyro_times, rates)
     spans = rotation_spans(times, attitude)
     best = _NO_FIT
     delays: list[float] = np.arange(_EARLIEST_S, _LATEST_S, _COARSE_S).tolist()
     for step in (_COARSE_S, _FINE_S):
-        fits = [_fit_at(gyro_times, turned, spans, any_axes, delay) for delay in delays]
+        fits = [_fit_at(gyro_times, turned, spans, delay) for delay in delays]
         best = min([best, *fits], key=lambda fit: fit.left)
         delays = (best.delay_s + np.arange(-step, step, _FINE_S)).tolist()
     return best
 
 
-def _fit_at(
-    times: Array, turned: Array, spans: TurnSpans, any_axes: bool, delay: float
-) -> AxesFit:
+def _fit_at(times: Array, turned: Array, spans: TurnSpans, delay: float) -> AxesFit:
     first, last, turn = spans[0] - delay, spans[1] - delay, spans[2]
     inside = (first >= times[0]) & (last <= times[-1])
     if inside.sum() < _MIN_SPANS:
@@ -269,10 +252,7 @@ def _fit_at(
         return _NO_FIT
     # the sum of squares of `seen - felt @ axes.T`, from one 3x3 matrix
     common, matrix = float((seen**2).sum()) + total, seen.T @ felt
-    axes: Array = np.eye(3)
-    if any_axes:
-        left_, _, right = np.linalg.svd(matrix)
-        handed = np.array([1.0, 1.0, np.linalg.det(left_ @ right)])
-        axes = (left_ * handed) @ right
-    left = (common - 2.0 * float((axes * matrix).sum())) / total
-    return AxesFit(left, delay, axes, felt, seen)
+    left_, _, right = np.linalg.svd(matrix)
+    handed = np.array([1.0, 1.0, np.linalg.det(left_ @ right)])
+    axes: Array = (left_ * handed) @ right
+    return AxesFit((common - 2.0 * float((axes * matrix).sum())) / total, delay, axes)
