@@ -19,7 +19,6 @@ from tombo_sim.world import World
 
 ROUND_NS = 4_000_000
 SYSTEM, COMPONENT = 245, 191
-POSITION_MASK = 0b100111111000
 ARM, SET_MODE, TAKEOFF, LAND = 400, 176, 22, 21
 OFFBOARD = (1.0, 6.0, 0.0)
 
@@ -69,8 +68,8 @@ class Client:
 class Bench:
     """One vehicle, a link and a client for each stream set."""
 
-    def __init__(self, streams: Iterable[str], parameters: dict[str, float], seed: int) -> None:
-        self.vehicle = Px4Vehicle(World(), seed, table_with(**parameters))
+    def __init__(self, streams: Iterable[str], parameters: dict[str, float]) -> None:
+        self.vehicle = Px4Vehicle(World(), 0, table_with(**parameters))
         self.clients = []
         self.links = []
         links = []
@@ -154,8 +153,8 @@ def texts(messages: Iterable[Any]) -> list[str]:
 
 
 @contextmanager
-def bench(*streams: str, seed: int = 0, **parameters: float):
-    made = Bench(streams or ("onboard",), parameters, seed)
+def bench(*streams: str, **parameters: float):
+    made = Bench(streams or ("onboard",), parameters)
     try:
         yield made
     finally:

@@ -114,39 +114,6 @@ def test_disarming_in_the_air_needs_force():
 # --- Modes -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("mode", "changes"),
-    [
-        *((mode, {}) for mode in (*MANUAL_MODES, modes.AUTO_MISSION)),
-        (modes.OFFBOARD, {"signal_tick": -1}),
-        (modes.AUTO_RTL, NO_GLOBAL),
-        (modes.AUTO_HOLD, NO_GLOBAL),
-        (modes.AUTO_TAKEOFF, LOST),
-    ],
-)
-def test_in_flight_a_mode_that_cannot_be_flown_is_refused(mode, changes):
-    desk = Desk(modes.AUTO_TAKEOFF).fly()
-    assert desk.commander.set_mode(mode, desk.now._replace(**changes)) == (
-        Result.TEMPORARILY_REJECTED
-    )
-    assert desk.commander.mode == modes.AUTO_TAKEOFF
-    assert desk.heard("is currently not available")
-
-
-@pytest.mark.parametrize("mode", [modes.Mode(4, 1), modes.Mode(4, 77), modes.Mode(9), DESCEND])
-def test_a_mode_that_is_none_is_refused(mode):
-    desk = Desk()
-    assert desk.commander.set_mode(mode, desk.now) == Result.TEMPORARILY_REJECTED
-    assert desk.heard("Unsupported") and desk.commander.mode == modes.AUTO_HOLD
-
-
-def test_after_landing_the_mode_before_is_back():
-    desk = Desk(modes.OFFBOARD).fly()
-    desk.commander.set_mode(modes.AUTO_LAND, desk.now)
-    desk.wait(4.0, landed=True, maybe_landed=True)
-    assert not desk.commander.armed and desk.commander.mode == modes.OFFBOARD
-
-
 # --- Offboard lost ---------------------------------------------------------------------------
 
 
@@ -167,8 +134,6 @@ def test_the_stream_is_lost_after_the_time_that_is_set():
         (5, {}, modes.AUTO_HOLD),
         (0, NO_GLOBAL, modes.AUTO_LAND),
         (5, NO_GLOBAL, modes.AUTO_LAND),
-        (0, LOST, modes.ALTCTL),
-        (0, LOST | {"altitude": False}, modes.STABILIZED),
         (3, LOST, DESCEND),
         (4, LOST, DESCEND),
     ],
@@ -177,15 +142,6 @@ def test_what_is_done_when_the_stream_is_lost(action, changes, mode):
     desk = Desk(modes.OFFBOARD, COM_OBL_RC_ACT=action).fly()
     desk.wait(1.1, stream=False, **changes)
     assert desk.commander.mode == mode and desk.commander.armed
-
-
-@pytest.mark.parametrize(("action", "again"), [(6, False), (7, True)])
-def test_terminate_and_disarm_stop_the_rotors(action, again):
-    desk = Desk(modes.OFFBOARD, COM_OBL_RC_ACT=action).fly()
-    desk.wait(1.1, stream=False)
-    assert not desk.commander.armed
-    desk.wait(0.1, landed=True, maybe_landed=True)
-    assert (desk.commander.arm(desk.now) == Result.ACCEPTED) == again
 
 
 # --- By itself -------------------------------------------------------------------------------

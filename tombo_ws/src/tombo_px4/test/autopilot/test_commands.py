@@ -2,10 +2,8 @@ import math
 from itertools import pairwise
 
 import pytest
-from endpoint_bench import ARM, OFFBOARD, SET_MODE, TAKEOFF, bench, of, texts
+from endpoint_bench import ARM, OFFBOARD, SET_MODE, bench, of, texts
 from pymavlink.dialects.v20 import common as mavlink
-
-from tombo_px4.protocol.requests import command_of
 
 NAN = math.nan
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
@@ -40,61 +38,12 @@ def test_a_mode_is_acknowledged_twice_first_always_with_accepted(b):
     assert heartbeat(b).custom_mode == 6 << 16
 
 
-@pytest.mark.slow
-def test_take_off_to_an_altitude_by_command_int(b):
-    assert b.acks(ARM, 1.0) == [ACCEPTED]
-    origin = b.endpoint.origin
-    up = float(b.vehicle.home[2]) + 0.7
-    for frame, result in ((3, 8), (0, ACCEPTED)):
-        b.client.send(
-            b.client.mav.command_int_encode(
-                1, 1, frame, TAKEOFF, 0, 0, NAN, 0, 0, NAN, *2 * [2**31 - 1],
-                origin.altitude_m + up,
-            )
-        )  # fmt: skip
-        assert b.wait("COMMAND_ACK", command=TAKEOFF).result == result
-    b.run(12.0, lambda _: b.vehicle.mode.sub == 3)
-    b.run(2.0)
-    assert b.vehicle.simulator.height == pytest.approx(up, abs=0.15)
-
-
-def test_unknown_commands_are_unsupported_and_counted(fresh):
-    assert fresh.acks(31000) == [UNSUPPORTED]
-    assert fresh.acks(2000, 1.0) == [UNSUPPORTED]
-    assert fresh.endpoint.refused["command 31000 is not supported"] == 1
-
-
 @pytest.mark.parametrize("target", [(2, 1), (0, 1), (1, 42), (0, 0)])
 def test_commands_for_another_vehicle_are_ignored(target, b):
     assert b.acks(ARM, 1.0, target=target) == []
     assert b.acks(31000, target=target) == []
     assert not b.vehicle.armed
     assert b.endpoint.refused["addressed to another"] == 2
-
-
-@pytest.mark.parametrize(
-    ("command", "kind"),
-    [
-        ((REQUEST, 148.0), "AUTOPILOT_VERSION"),
-        ((REQUEST, 32.0), "LOCAL_POSITION_NED"),
-        ((REQUEST, 242.0), "HOME_POSITION"),
-    ],
-)
-def test_a_message_is_sent_when_it_is_requested(command, kind):
-    with bench("ground") as b:
-        b.settle()
-        b.client.command(*command)
-        heard = b.run(0.02)
-        assert of(heard, kind)
-        assert [a.result for a in of(heard, "COMMAND_ACK")] == [ACCEPTED]
-
-
-def test_the_version_is_that_of_px4(fresh):
-    fresh.client.command(REQUEST, 148.0)
-    version = fresh.wait("AUTOPILOT_VERSION")
-    assert version.flight_sw_version >> 8 == 0x011100
-    assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-    assert version.uid != 0
 
 
 def test_a_position_that_is_not_known_is_not_told():
@@ -130,12 +79,3 @@ def test_checks_name_what_is_wrong():
         b.run(1.0)
         assert b.acks(401) == [ACCEPTED]
         assert any("position" in t for t in texts(b.client.seen))
-
-
-def test_places_of_command_int_are_degrees_and_the_highest_number_is_none():
-    mav = mavlink.MAVLink(None, 1, 1)
-    message = mav.command_int_encode(1, 1, 5, 192, 0, 0, 1, 2, 3, 4, 473977420, 2**31 - 1, 500.0)
-    command = command_of(message)
-    assert command.params[4] == pytest.approx(47.397742)
-    assert math.isnan(command.params[5])
-    assert (command.params[6], command.frame) == (500.0, 5)

@@ -26,14 +26,6 @@ def test_timesync_is_answered_at_once_with_the_time_since_boot(fresh):
     assert answers[0].tc1 == pytest.approx(fresh.boot_ns, abs=50_000_000)
 
 
-def test_it_asks_for_the_time_on_the_on_board_link_only():
-    with bench("onboard", "ground") as b:
-        b.run(1.0)
-        requests = [[m for m in of(c.seen, "TIMESYNC") if not m.tc1] for c in b.clients]
-    assert [len(r) for r in requests] == [10, 0]
-    assert len({m.ts1 for m in requests[0]}) == 10
-
-
 def test_the_opening_of_qgroundcontrol():
     """Heartbeat, version, modes, metadata, parameters, plan, then the streams."""
     with bench("ground") as b:

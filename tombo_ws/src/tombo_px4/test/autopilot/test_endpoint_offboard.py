@@ -55,11 +55,6 @@ def test_what_the_mask_ignores_is_not_commanded(mask, kept):
     assert math.isnan(target.yaw) == bool(mask & 1 << 10)
 
 
-@pytest.mark.parametrize("frame", [mavlink.MAV_FRAME_LOCAL_ENU, mavlink.MAV_FRAME_BODY_NED, 200])
-def test_a_frame_that_is_not_taken_is_refused_by_its_number(frame):
-    assert read(local(ALL, frame=frame)) == f"coordinate frame {frame} unsupported"
-
-
 def test_an_attitude_is_turned_to_our_frames():
     yaw, tilt = 0.4, 0.2
     ours = np.array([0.0, math.sin(tilt / 2), 0.0, math.cos(tilt / 2)])
@@ -71,20 +66,6 @@ def test_an_attitude_is_turned_to_our_frames():
     assert math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) == pytest.approx(
         math.pi / 2 - yaw
     )
-
-
-def test_body_rates_alone_are_refused():
-    assert "body rates are not simulated" in read(attitude(0b10000000))
-
-
-@pytest.mark.parametrize("target", [(2, 1), (1, 9)])
-def test_set_points_for_another_vehicle_are_ignored(target, b):
-    b.acks(SET_MODE, *OFFBOARD)
-    message = local(POSITION)
-    message.target_system, message.target_component = target
-    b.client.send(message)
-    b.run(0.1)
-    assert b.acks(ARM, 1.0) == [1]
 
 
 def test_a_bad_set_point_is_no_sign_of_life_and_is_reported_once(b):

@@ -109,23 +109,3 @@ def test_stamps_are_converted_with_timesync(monkeypatch):
     ages = [boot_ns / 1e3 - us for boot_ns, us in stamps]
     assert max(ages[:10]) < 20_000, "before TIMESYNC has converged the time of arrival counts"
     assert ages[-20:] == pytest.approx(20 * [40_000], abs=8_000)
-
-
-@pytest.mark.parametrize(
-    ("make", "reason"),
-    [
-        (odometry, "ODOMETRY refused: not fused"),
-        (lambda mav: odometry(mav, position=[0.0, math.inf, 0.0]), "ODOMETRY refused: not finite"),
-        (lambda mav: odometry(mav, q=[math.inf, NAN, 0, 0]), "ODOMETRY refused: not finite"),
-        (lambda mav: odometry(mav, position=[2e5, 0.0, 0.0]), "ODOMETRY refused: out of range"),
-        (
-            lambda mav: estimate(mav, angles=[0.0, math.inf, 0.0]),
-            "VISION_POSITION_ESTIMATE refused: not finite",
-        ),
-    ],
-)
-def test_a_refusal_of_the_estimator_is_counted_by_its_reason(make, reason):
-    with bench(**{**LAB, "EKF2_EV_CTRL": 0}) as b:
-        b.each_round = lambda: b.client.send(make(b.client.mav))
-        b.run(0.1)
-        assert b.endpoint.refused[reason] > 20

@@ -29,14 +29,6 @@ def test_hover_is_where_the_documentation_says(conf, hover):
     assert control_map(world).hover == pytest.approx(hover, abs=1e-3)
 
 
-def test_controls_reach_from_idle_to_the_highest_speed_and_rise():
-    mapped = control_map()
-    speeds = [mapped.speeds([c, 0, 0, 0], True)[0] for c in np.linspace(0.0, 1.0, 51)]
-    assert speeds[0] == pytest.approx(100.0, abs=0.1)
-    assert speeds[-1] == pytest.approx(820.0, abs=0.1)
-    assert np.diff(speeds).min() > 0.0
-
-
 @given(st.lists(st.floats(width=32), min_size=4, max_size=4))
 def test_rotors_stay_in_range_and_invalid_controls_are_counted(controls):
     mapped = control_map()

@@ -59,55 +59,6 @@ def hover_thrust(vehicle):
     return vehicle.param.get_param_float("MPC_THR_HOVER")
 
 
-def test_all_of_its_health_becomes_well(vehicle):
-    until(vehicle.telemetry.health_all_ok)
-    assert vehicle.telemetry.health().is_armable
-
-
-def test_parameters_are_read_and_set(vehicle):
-    param = vehicle.param
-    assert param.get_param_int("EKF2_EV_CTRL") == 0
-    assert param.get_param_float("COM_OF_LOSS_T") == 1.0
-    param.set_param_float("COM_OF_LOSS_T", 0.75)
-    assert param.get_param_float("COM_OF_LOSS_T") == 0.75
-    param.set_param_float("COM_OF_LOSS_T", 1.0)
-    param.set_param_int("COM_RC_IN_MODE", 4)
-    assert param.get_param_int("COM_RC_IN_MODE") == 4
-    every = param.get_all_params()
-    values = {p.name: p.value for p in (*every.int_params, *every.float_params)}
-    assert len(values) > 30
-    assert values["COM_RC_IN_MODE"] == 4
-
-
-def test_telemetry_is_that_of_a_vehicle_on_the_ground(vehicle):
-    t = vehicle.telemetry
-    until(lambda: t.battery().voltage_v > 10.0 and t.battery().remaining_percent > 90.0)
-    position = until(lambda: t.position())
-    assert position.latitude_deg == pytest.approx(47.3977, abs=1e-3)
-    assert position.relative_altitude_m == pytest.approx(0.0, abs=0.2)
-    until(lambda: t.landed_state() == LandedState.ON_GROUND)
-    assert t.flight_mode() == FlightMode.HOLD
-    assert not t.armed()
-    attitude = until(lambda: t.attitude_euler())
-    assert abs(attitude.roll_deg) < 3.0 and abs(attitude.pitch_deg) < 3.0
-    assert attitude.yaw_deg == pytest.approx(90.0, abs=10.0), "the paper's vehicle looks east"
-
-
-def test_arming_without_a_position_is_its_exception(vehicle):
-    param = vehicle.param
-    param.set_param_int("EKF2_NOAID_TOUT", 500_000)
-    param.set_param_int("EKF2_GPS_CTRL", 0)
-    try:
-        until(lambda: not vehicle.telemetry.health().is_armable)
-        with pytest.raises(ActionError, match="COMMAND_DENIED"):
-            vehicle.action.arm()
-        assert not vehicle.telemetry.armed()
-    finally:
-        param.set_param_int("EKF2_GPS_CTRL", 7)
-        param.set_param_int("EKF2_NOAID_TOUT", 5_000_000)
-    until(vehicle.telemetry.health_all_ok)
-
-
 def test_a_flight_by_action_and_offboard(vehicle):
     action, offboard, t = vehicle.action, vehicle.offboard, vehicle.telemetry
     until(t.health_all_ok)

@@ -1,13 +1,11 @@
 """The set points of the AUTO modes, for a vehicle that is where it is told to be."""
 
-import math
-
 import numpy as np
 import pytest
 from vehicle_bench import table_with
 
 from tombo_px4.autopilot.setpoint_controller import Navigator
-from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF
+from tombo_px4.modes import AUTO_HOLD, AUTO_RTL, AUTO_TAKEOFF
 
 HOME = np.array([0.5, -0.5, 0.2])
 AWAY = np.array([6.0, 4.0, 2.2])
@@ -34,17 +32,6 @@ def test_a_place_in_hold_is_gone_to_once(navigator):
     assert wanted.position == pytest.approx([5.0, 2.0, 4.0]) and wanted.yaw == 1.5
     navigator.leave()
     assert navigator.follow(AUTO_HOLD, AWAY, REST, 0.7, HOME).position == pytest.approx(AWAY)
-
-
-def test_a_moving_vehicle_holds_where_it_comes_to_rest(navigator):
-    wanted = navigator.follow(AUTO_HOLD, AWAY, np.array([1.0, 0.0, 0.0]), 0.7, HOME)
-    assert wanted.position == pytest.approx([6.7, 4.0, 2.2])
-
-
-def test_land_goes_straight_down_at_its_speed(navigator):
-    wanted = navigator.follow(AUTO_LAND, AWAY, REST, 0.7, HOME)
-    assert wanted.position[:2] == pytest.approx([6.0, 4.0]) and math.isnan(wanted.position[2])
-    assert wanted.velocity[2] == -0.5 and navigator.landing
 
 
 def test_return_goes_home_at_its_height_and_lands(navigator):

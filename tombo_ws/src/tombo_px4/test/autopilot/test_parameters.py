@@ -3,7 +3,6 @@
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import tombo_px4.autopilot
@@ -28,16 +27,6 @@ def test_what_is_documented_to_act_is_looked_at_and_nothing_else():
         assert (f'"{p.name}"' in text) == p.acts or told, p.name
 
 
-def test_a_whole_number_stays_one_and_a_float_has_single_precision():
-    table = ParameterTable()
-    assert table.set("EKF2_EV_CTRL", 11) == ""
-    assert isinstance(table.get("EKF2_EV_CTRL"), int) and table.get("EKF2_EV_CTRL") == 11
-    assert table.set("MPC_XY_VEL_MAX", 2.3) == ""
-    assert table.get("MPC_XY_VEL_MAX") == float(np.float32(2.3)) != 2.3
-    assert table.type_of("EKF2_EV_CTRL") == "int32"
-    assert table.type_of("MPC_XY_VEL_MAX") == "float"
-
-
 @pytest.mark.parametrize(
     ("name", "value", "why"),
     [
@@ -54,12 +43,3 @@ def test_what_is_refused_changes_nothing(name, value, why):
     before = {n: table.get(n) for n in table.names}
     assert why in table.set(name, value)
     assert {n: table.get(n) for n in table.names} == before
-
-
-def test_what_fits_the_vehicle_gives_way_to_what_somebody_set():
-    table = ParameterTable()
-    table.set_vehicle_default("MPC_THR_HOVER", 0.47)
-    assert table.get("MPC_THR_HOVER") == pytest.approx(0.47)
-    table.set("MPC_THR_HOVER", 0.3)
-    table.set_vehicle_default("MPC_THR_HOVER", 0.47)
-    assert table.get("MPC_THR_HOVER") == pytest.approx(0.3)

@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 from vehicle_bench import NAN, motion
 
-from tombo_px4.autopilot.setpoint_controller import ControlLevel, OffboardSetpoint, refusal_of
+from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint, refusal_of
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
-
-
-def test_each_kind_is_the_outermost_loop_that_is_commanded():
-    assert motion([1, 2, 3]).kind == ControlLevel.POSITION
-    assert motion(velocity=[1, 2, 3]).kind == ControlLevel.VELOCITY
-    assert motion(push=[1, 2, 3]).kind == ControlLevel.ACCELERATION
-    assert motion([NAN, NAN, 3], [1, 2, NAN]).kind == ControlLevel.POSITION
-    assert OffboardSetpoint(attitude=LEVEL, thrust=0.5).kind == ControlLevel.ATTITUDE
 
 
 def test_which_axes_may_be_left_out():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from vehicle_bench import GROUND, Flight, hovering, motion, ready
+from vehicle_bench import GROUND, Flight, motion, ready
 
 from tombo_px4.autopilot.commander import TakeoffState
 from tombo_px4.modes import AUTO_HOLD, AUTO_LAND, AUTO_TAKEOFF, OFFBOARD, MavLandedState, Result
@@ -15,18 +15,6 @@ def taken_off() -> Flight:
     flight.take_off()
     flight.fly(7.0)
     return flight
-
-
-def test_at_boot_it_knows_nothing_and_says_so():
-    flight = Flight()
-    known = flight.vehicle.situation
-    assert flight.vehicle.problems and not known.local_position and not known.attitude
-    assert flight.vehicle.arm() == Result.TEMPORARILY_REJECTED
-    flight.fly(2.0)
-    known = flight.vehicle.situation
-    assert not flight.vehicle.problems and known.local_position and known.global_position
-    assert flight.ekf2.source == "gps"
-    assert flight.vehicle.mode == AUTO_HOLD
 
 
 @pytest.mark.parametrize("height", [None, 1.5])
@@ -65,18 +53,6 @@ def test_lands_and_disarms():
     assert flight.rotors.max() < 20.0
 
 
-def test_takes_off_again_without_disarming():
-    flight = hovering(vision=True)
-    flight.vehicle.parameters.set("COM_DISARM_LAND", -1.0)
-    flight.target = motion([0, 0, -1.0], yaw=0.0)
-    flight.fly_until(lambda: flight.vehicle.landed == MavLandedState.ON_GROUND, 8.0)
-    flight.fly(0.5)
-    assert flight.vehicle.armed and flight.rotors.max() < 110.0
-    flight.fly(6.0, motion([0, 0, 1.0], yaw=0.0))
-    assert flight.vehicle.landed == MavLandedState.IN_AIR
-    assert flight.body[2] == pytest.approx(1.0, abs=0.1)
-
-
 def run(seed: int) -> bytes:
     flight = Flight(seed=seed)
     flight.fly(1.5)
@@ -89,13 +65,3 @@ def run(seed: int) -> bytes:
 
 def test_the_same_calls_give_the_same_bytes():
     assert run(3) == run(3) != run(4)
-
-
-def test_motion_capture_does_not_leak_into_the_estimate():
-    """Without GPS and without a pose being sent it knows no position, whatever the mocap sees."""
-    flight = Flight(vision=True)
-    flight.see = False
-    flight.fly(3.0)
-    vehicle = flight.vehicle
-    assert not vehicle.situation.local_position and vehicle.ekf2_model.fused_tick < 0
-    assert np.abs(vehicle.simulator.plant.state.position - vehicle.estimate.position).max() > 0.1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -45,28 +45,16 @@ def motion(
 class Flight:
     """A vehicle, a stream of set points to it, and the motion capture that is sent to it."""
 
-    def __init__(
-        self,
-        seed: int = 1,
-        scenario: str = "no_obstacle",
-        vision: bool = False,
-        settings: Sequence[str] = (),
-        **values: float,
-    ) -> None:
+    def __init__(self, seed: int = 1, vision: bool = False, **values: float) -> None:
         table = table_with(**{**(VISION if vision else {}), **values})
-        self.vehicle = Px4Vehicle(world_of(load_scenario(scenario, settings)), seed, table)
+        self.vehicle = Px4Vehicle(world_of(load_scenario("no_obstacle", [])), seed, table)
         self.target: OffboardSetpoint | None = None
         self.period = 50
         """Ticks between two set points."""
         self.see = vision
-        self.late_ticks = 0
-        self.stamped_at_arrival = False
         self.mangle: Mangle | None = None
         """Error of the frame of the vision."""
-        self.words: dict[str, int] = {}
-        """Answers to poses."""
         self.texts: list[str] = []
-        self._under_way: list[tuple[int, Any]] = []
 
     @property
     def body(self) -> Array:
@@ -98,17 +86,11 @@ class Flight:
         self.texts += [text for _, text in vehicle.take_status_texts()]
 
     def _send_vision(self) -> None:
-        vehicle = self.vehicle
-        now = vehicle.tick
-        self._under_way += [(now + self.late_ticks, s) for s in vehicle.simulator.arrived]
-        while self._under_way and self._under_way[0][0] <= now:
-            sample = self._under_way.pop(0)[1]
+        for sample in self.vehicle.simulator.arrived:
             position, attitude = sample.pose[:3], sample.pose[3:]
             if self.mangle is not None:
                 position, attitude = self.mangle(position, attitude)
-            stamp = now if self.stamped_at_arrival else sample.captured
-            word = vehicle.vision(stamp * 1000, position, attitude)
-            self.words[word] = self.words.get(word, 0) + 1
+            self.vehicle.vision(sample.captured * 1000, position, attitude)
 
     def fly(self, seconds: float, target: OffboardSetpoint | None = None) -> Array:
         """Go on, by another target if there is one; return the true state of each tick (N, 13)."""

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from bridge_flight import MS, NOW, STEP, ZERO, Flight, hovering
-from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import Phase, PositionSetpoint
@@ -29,19 +28,6 @@ def test_a_flight_takes_off_lands_and_disarms_without_faults():
     assert not flight.events and not flight.out.faults
     assert not flight.bridge.message_decoder.refused
     assert str(flight.out.status.firmware) == "1.17.0"
-
-
-@pytest.mark.slow
-def test_a_denied_arming_says_why_in_px4s_own_words():
-    flight = Flight()
-    flight.px4.refuses[mav.MAV_CMD_COMPONENT_ARM_DISARM] = 1
-    flight.px4.failing = ["Press safety button first"]
-    flight.until(lambda f: f.out.status.ready)
-    assert not [t for t in flight.seen["texts"] if "safety" in t.text], "reported long ago"
-    flight.phase = Phase.TAKEOFF
-    flight.stage(SessionStage.GIVEN_UP, 20.0)
-    assert "'Arming denied: Resolve system health failures first'" in flight.out.status.why
-    assert "'Preflight Fail: Press safety button first'" in flight.out.status.why
 
 
 @pytest.mark.slow
@@ -114,13 +100,6 @@ def test_poses_that_are_no_poses_are_not_sent():
     assert bridge.poses_sent == sent + 1
 
 
-def test_set_points_that_are_not_finite_are_left_out():
-    bridge = Flight().bridge
-    for place, yaw in ((ZERO * math.nan, 0.0), (ZERO, math.inf)):
-        setpoint = PositionSetpoint(0, place, ZERO, ZERO, yaw, Phase.HOVER)
-        assert not bridge.stream.setpoint(setpoint, NOW)
-
-
 @pytest.mark.slow
 def test_a_silent_mission_is_held_without_feed_forward():
     flight = hovering()
@@ -164,39 +143,6 @@ def test_set_points_leave_at_once_and_carry_the_feed_forward():
 
 
 @pytest.mark.slow
-def test_offboard_chosen_by_somebody_else_holds_where_it_was():
-    flight = hovering()
-    flight.px4.shows = POSCTL
-    flight.stage(SessionStage.EXTERNAL_MODE)
-    flight.px4.shows = None
-    flight.goal = np.array([3.0, 0.0, 1.5])
-    flight.run(1.5)
-    flight.px4.push([0.3, 0.0, 0.0])
-    flight.run(4.0)
-    last = flight.px4.targets[-1]
-    assert (last.x, last.y, last.z) == pytest.approx((0.0, 0.0, -1.5), abs=0.05)
-    assert flight.px4.place == pytest.approx([0.0, 0.0, 1.5], abs=0.05)
-
-
-@pytest.mark.slow
-def test_news_do_not_wait_for_the_heartbeat_of_the_next_second():
-    flight = Flight().run(3.0)
-    flight.px4.mute.add("HEARTBEAT")  # only the requested ones
-    flight.phase, flight.goal = Phase.TAKEOFF, np.array([0.0, 0.0, 1.5])
-    began = flight.now
-    flight.stage(SessionStage.FLYING)
-    assert flight.now - began < 1_000 * MS
-    flight.run(3.0)
-    assert flight.out.status.connected and not flight.events
-    asked = [m for m in flight.px4.received if m.get_type() == "COMMAND_LONG"]
-    beats = [m for m in asked if (m.command, m.param1) == (512, 0)]
-    assert 10 < len(beats) < 20, "four a second at most"
-    flight.px4.shows = POSCTL
-    flight.run(0.4)
-    assert flight.out.status.mode == "position"
-
-
-@pytest.mark.slow
 def test_a_vehicle_that_was_started_again():
     flight = Flight().run(5.0)
     flight.px4.boot(flight.now)
@@ -218,36 +164,6 @@ def test_parameters_for_a_loss_are_set_with_consent():
     flight.run(12.0)
     assert flight.out.status.ready, flight.out.status.findings
     assert flight.px4.table.get("COM_OBL_RC_ACT") == 4
-
-
-@pytest.mark.slow
-def test_a_restart_is_asked_for_where_px4_needs_one():
-    wrong = {"EKF2_HGT_REF": 1, "EKF2_EV_CTRL": 0}
-    flight = Flight({"EKF2_HGT_REF": 3.0, "EKF2_EV_CTRL": 15.0}, px4=wrong).run(5.0)
-    assert flight.out.faults["parameters_at_start"].startswith("EKF2_HGT_REF changed: restart")
-    flight = Flight({"EKF2_HGT_REF": 3.0}).run(5.0)
-    assert "parameters_at_start" not in flight.out.faults
-
-
-@pytest.mark.slow
-def test_parameters_px4_does_not_know_are_asked_for_a_few_times():
-    flight = Flight()
-    flight.px4.deaf = lambda message: getattr(message, "param_id", "") == "EKF2_RNG_CTRL"
-    flight.run(10.0)
-    asked = [m for m in flight.px4.received if m.get_type() == "PARAM_REQUEST_READ"]
-    assert sum(m.param_id == "EKF2_RNG_CTRL" for m in asked) == 4
-    assert "EKF2_RNG_CTRL" not in flight.bridge.parameters.values
-    assert flight.out.status.ready
-
-
-@pytest.mark.slow
-def test_telemetry_too_slow_is_reported():
-    flight = Flight(odometry_rate=200.0)
-    flight.px4.deaf = lambda message: getattr(message, "command", 0) == 511
-    flight.run(8.0)
-    assert "ODOMETRY comes at 30 Hz, 200 Hz were asked for" in flight.out.faults["slow.ODOMETRY"]
-    asked = [m for m in flight.px4.received if m.get_type() == "COMMAND_LONG"]
-    assert sum(m.command == 511 and m.param1 == 331 for m in asked) <= 5
 
 
 @pytest.mark.slow

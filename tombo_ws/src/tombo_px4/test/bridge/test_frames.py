@@ -46,20 +46,6 @@ def matrix(q_wxyz: np.ndarray) -> np.ndarray:
     )
 
 
-def test_world_axes_are_what_they_are_called():
-    north, east, down = np.eye(3)
-    assert np.array_equal(ned_from_enu(NORTH), north)
-    assert np.array_equal(ned_from_enu(EAST), east)
-    assert np.array_equal(ned_from_enu(UP), -down)
-
-
-def test_body_axes_are_what_they_are_called():
-    forward, right, down = np.eye(3)
-    assert np.array_equal(frd_from_flu(FORWARD), forward)
-    assert np.array_equal(frd_from_flu(LEFT), -right)
-    assert np.array_equal(frd_from_flu(TOP), -down)
-
-
 @pytest.mark.slow
 @given(rotations, vectors)
 def test_a_body_vector_points_to_the_same_place_on_both_sides(attitude, body):

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 from bridge_flight import BOOT, NOW, synced
 from hypothesis import given
@@ -11,7 +10,6 @@ from pymavlink.dialects.v20 import common as mav
 
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.messages import MessageDecoder, decode_parameter, float_of_int
-from tombo_px4.link.timesync import TimeSync
 from tombo_px4.modes import OFFBOARD, custom_mode
 
 NAN = math.nan
@@ -61,20 +59,6 @@ def test_velocity_in_the_world_is_not_turned(decoder):
     assert record.velocity == pytest.approx([1.0, -2.0, -3.0], abs=1e-6)
 
 
-def test_a_known_covariance_comes_in_axes_of_map(decoder):
-    upper = [0.0] * 21
-    for place, value in zip((0, 6, 11, 15, 18, 20), (1, 2, 3, 4, 5, 6), strict=True):
-        upper[place] = value
-    record = read(decoder, odometry(pose_covariance=upper))
-    assert np.diag(record.pose_covariance) == pytest.approx([2, 1, 3, 5, 4, 6])
-    upper = [value or NAN for value in upper]  # PX4 does not send the rest
-    partial = read(decoder, odometry(time_usec=BOOT // 1000 + 1, pose_covariance=upper))
-    assert np.array_equal(partial.pose_covariance, record.pose_covariance)
-    upper[11] = NAN
-    partial = read(decoder, odometry(time_usec=BOOT // 1000 + 2, pose_covariance=upper))
-    assert partial.pose_covariance is None
-
-
 @pytest.mark.parametrize(
     ("fields", "word"),
     [
@@ -98,12 +82,6 @@ def test_a_known_covariance_comes_in_axes_of_map(decoder):
 def test_odometry_that_cant_be_right_is_refused_by_word(decoder, fields, word):
     assert read(decoder, odometry(**fields)) is None
     assert decoder.refused == {f"ODOMETRY.{word}": 1}
-
-
-def test_without_a_common_clock_there_is_no_stamp():
-    record = read(MessageDecoder(TimeSync(), 245, 191), odometry())
-    assert record.stamp_ns is None
-    assert record.position == pytest.approx([1.0, 2.0, 3.0])
 
 
 def heartbeat(autopilot=mav.MAV_AUTOPILOT_PX4, base_mode=0x81, mode=OFFBOARD):
@@ -175,11 +153,3 @@ def text(words, number=0, chunk=0, severity=4):
 def test_texts_in_pieces_are_joined(decoder, pieces):
     *_, record = (read(decoder, text(words, 7, place)) for place, words in enumerate(pieces))
     assert record.text == "".join(pieces)
-
-
-def test_a_text_without_its_end_comes_in_time(decoder):
-    read(decoder, text("a" * 50, 9, 0))
-    assert decoder.take_expired(NOW + 500_000_000) == []
-    (record,) = decoder.take_expired(NOW + 2_000_000_000)
-    assert record.text == "a" * 50
-    assert decoder.take_expired(NOW + 3_000_000_000) == []

@@ -4,8 +4,6 @@ import contextlib
 import os
 import socket
 import struct
-import subprocess
-import sys
 import termios
 import time
 
@@ -72,29 +70,6 @@ def test_frames_are_found_behind_what_is_none(data, delivered, counts):
     assert {name: n for name, n in codec.counters.items() if n} == counts
 
 
-def test_a_flipped_bit_lets_no_wrong_message_in():
-    """Where it changes the length, it also costs what the damaged header claims."""
-    good = heartbeat(1)
-    for position in range(len(good)):
-        for bit in range(8):
-            bad = bytearray(heartbeat(2))
-            bad[position] ^= 1 << bit
-            codec = Codec(1, 1)
-            delivered = modes(codec.feed(good + bytes(bad) + heartbeat(3), whole=True))
-            changes_length = position in (0, 1, 2)
-            assert delivered in ([[1], [1, 3]] if changes_length else [[1, 3]]), (position, bit)
-            assert codec.counters["garbage_bytes"] + codec.counters["unknown_message"] > 0
-
-
-def test_the_environment_cannot_switch_the_checksum_off():
-    program = (
-        "from tombo_px4.link.mavlink_link import Codec; codec = Codec(1, 1);"
-        f"assert not codec.feed({heartbeat(1)[:-1] + b'!'!r}, True), 'a wrong checksum'"
-    )
-    environment = {**os.environ, "MAVLINK_IGNORE_CRC": "1"}
-    subprocess.run([sys.executable, "-c", program], env=environment, check=True)
-
-
 # ---- signatures
 
 
@@ -129,33 +104,6 @@ def test_a_changed_signature_time_or_key_is_refused():
     assert refusal(signing(), signed(NOW + 1, OTHER_KEY)) == "bad_signature"
     assert refusal(signing(), heartbeat(1)) == "unsigned"
     assert refusal(signing(), heartbeat(1, old=True)) == "unsigned"
-
-
-def test_every_sender_and_link_has_timestamps_and_each_counts_once():
-    codec = signing()
-    assert refusal(codec, signed(NOW + 9)) == ""
-    for other in ({}, {"system": 2}, {"component": 2}, {"link_id": 2}):
-        assert refusal(codec, signed(NOW + 3, **other)) == ("" if other else "replayed")
-        assert refusal(codec, signed(NOW + 3, **other)) == "replayed"
-
-
-def test_a_recording_is_refused_and_a_forged_time_shuts_nobody_out():
-    codec = signing()
-    assert refusal(codec, signed(NOW - 1)) == "replayed"
-    assert refusal(codec, signed(2**48 - 1, OTHER_KEY)) == "bad_signature"
-    assert refusal(codec, signed(NOW)) == ""
-    assert codec.signing.timestamp == NOW
-
-
-def test_a_partner_whose_clock_is_behind_takes_over_our_time():
-    """pymavlink plays the partner: by the protocol it continues from the newest it has heard."""
-    codec = signing()
-    partner = encoder(1, 1, KEY)
-    partner.signing.timestamp = timestamp_of(NOW_NS - 3600 * 10**9)
-    assert refusal(codec, heartbeat(1, partner)) == "replayed"
-    partner.decode(bytearray(signed(NOW, system=245)))
-    partner.signing.timestamp += 1
-    assert refusal(codec, heartbeat(1, partner)) == ""
 
 
 @pytest.mark.parametrize("content", [KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b"\n"])
@@ -211,23 +159,12 @@ def test_urls(text, url):
     "text",
     [
         "",
-        "14540",
         "udp://127.0.0.1:14540",
-        "udpin://:14540",
         "udpin:127.0.0.1:14540",
         "udpin://127.0.0.1",
-        "udpin://127.0.0.1:",
         "udpin://127.0.0.1:70000",
-        "udpin://127.0.0.1:-1",
-        "udpin://127.0.0.1:14540/x",
         "udpin://127.0.0.1:1\n",
         "udpout://127.0.0.1:0",
-        "udpout://127.0.0.1:14540?local=14580",
-        "udpout://:14540",
-        "tcpout://:4560",
-        "http://127.0.0.1:80",
-        "serial://ttyACM0:57600",
-        "serial:///dev/ttyACM0",
         "serial:///dev/ttyACM0:fast",
         "serial:///dev/ttyACM0:12345",
     ],
@@ -245,12 +182,6 @@ def test_what_is_no_url_is_refused_in_one_line(text):
 def test_other_machines_are_refused_unless_allowed(kind, host):
     with pytest.raises(InputError, match="not to this machine; accepted: localhost, 127"):
         parse_url(f"{kind}://{host}:14540", False)
-
-
-def test_other_machines_are_allowed_when_asked_for():
-    assert parse_url("udpout://192.168.1.5:14540", True).place == "192.168.1.5"
-    with pytest.raises(InputError, match=r"host 'no\.such\.host\.invalid' is not known"):
-        parse_url("udpout://no.such.host.invalid:14540", True)
 
 
 # ---- transports
@@ -381,42 +312,6 @@ def test_a_tcp_server_has_one_client_and_turns_others_away(way, sockets):
     assert server.transport.opened == 2
 
 
-@pytest.mark.slow
-def test_a_tcp_client_that_does_not_read_costs_whole_frames_only(way, sockets):
-    server = way("tcpin://127.0.0.1:0")
-    client = sockets()
-    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    client.connect(server.transport.address)
-    client.sendall(b"?")
-    server.read()
-    frame = bytes(range(250))
-    results = [server.transport.write(frame, None) for _ in range(40_000)]
-    assert set(results) == {"", "send_failed"}
-    accepted = results.count("")
-    client.settimeout(0.02)
-    data = bytearray()
-    end = time.monotonic() + 60.0
-    while len(data) < accepted * len(frame) and time.monotonic() < end:
-        with contextlib.suppress(TimeoutError):
-            data += client.recv(1 << 20)
-        server.transport.read()  # what waits goes out here
-    assert data == frame * accepted
-
-
-def test_a_lost_client_is_no_error(way, sockets):
-    server = way("tcpin://127.0.0.1:0")
-    client = sockets(server=server)
-    client.sendall(b"?")
-    server.read()
-    client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
-    client.close()  # a reset, as of a process that was killed
-    end = time.monotonic() + 60.0
-    while not server.transport.write(b"x", None):  # until the reset has come
-        assert time.monotonic() < end
-    assert not server.transport.connected
-    assert server.transport.write(b"x", None) == "no_peer"
-
-
 @pytest.fixture
 def pty():
     ends = os.openpty()
@@ -436,36 +331,6 @@ def test_a_serial_port_is_raw_and_fast(way, pty):
     os.write(radio, every)
     assert serial.read(number=256) == every
     assert serial.transport.read() is None
-
-
-@pytest.mark.slow
-def test_a_serial_port_that_is_unplugged_is_tried_again(way, pty, monkeypatch):
-    radio, port = pty
-    serial = way(f"serial://{os.ttyname(port)}:57600")
-    descriptor = serial.transport.fileno()
-    os.close(port)
-    os.close(radio)
-    serial.tend_until(lambda: not serial.transport.connected)
-    assert serial.transport.write(b"x", None) == "no_peer"
-    other_radio, other_port = os.openpty()
-    try:
-        serial.transport._url = parse_url(f"serial://{os.ttyname(other_port)}:57600", False)
-        serial.tend_until(lambda: serial.transport.connected)
-        os.write(other_radio, b"back")
-        assert serial.read(number=4) == b"back"
-        assert serial.transport.fileno() == descriptor
-    finally:
-        os.close(other_radio)
-        os.close(other_port)
-
-
-def test_a_serial_port_that_is_none_is_refused(way, tmp_path):
-    with pytest.raises(InputError, match=r"no such file.*; accepted: .*a serial device"):
-        way("serial:///dev/ttyNone:57600")
-    file = tmp_path / "file"
-    file.write_bytes(b"")
-    with pytest.raises(InputError, match="can't be opened"):
-        way(f"serial://{file}:57600")
 
 
 # ---- the link
@@ -544,19 +409,6 @@ def test_messages_go_both_ways(pair, kind):
     assert vehicle.counters["garbage_bytes"] == computer.counters["garbage_bytes"] == 0
 
 
-def test_a_default_peer_is_spoken_to_first_and_left_for_who_speaks(links, sender):
-    sender.bind(("127.0.0.1", 0))
-    vehicle = links("udpin://127.0.0.1:0", default_peer=f"127.0.0.1:{sender.getsockname()[1]}")
-    assert vehicle.connected and vehicle.send(beat(vehicle))
-    data, address = sender.recvfrom(300)
-    assert data[0] == 0xFD and address == vehicle.address
-    computer = links(f"udpout://127.0.0.1:{vehicle.address[1]}", COMPUTER)
-    computer.send(beat(computer))
-    assert collect(vehicle)
-    vehicle.send(beat(vehicle))
-    assert collect(computer)
-
-
 @pytest.mark.parametrize(
     ("accept", "let_in", "counter"),
     [
@@ -601,55 +453,3 @@ def test_with_a_key_the_rest_is_refused_and_counted(links, sender):
     assert link.counters["unsigned"] == 2
     assert link.counters["bad_signature"] == 1
     assert link._transport.peer == peer
-
-
-@pytest.mark.parametrize("url", ["udpin://127.0.0.1:0", "tcpin://127.0.0.1:0"])
-@pytest.mark.parametrize(
-    ("wrong", "message_part"),
-    [
-        ({"system": 0}, "system 0 is out of bounds; accepted: 1 to 255"),
-        ({"component": 256}, "component 256 is out of bounds; accepted: 1 to 255"),
-        ({"accept_system": -1}, "accept_system -1"),
-        ({"link_id": 256}, "link_id 256"),
-        ({"key": b"short"}, "key is no key; accepted: a file of 32 bytes"),
-        ({"default_peer": "nowhere"}, "nowhere"),
-        ({"default_peer": "8.8.8.8:14540"}, "not to this machine"),
-    ],
-)
-def test_wrong_arguments_are_reported_in_one_line(url, wrong, message_part):
-    with pytest.raises(InputError, match=message_part) as refusal:
-        Link(url, **{**VEHICLE, "clock": time.time_ns, **wrong}).close()
-    assert "\n" not in str(refusal.value) and "accepted" in str(refusal.value)
-
-
-def test_half_frames_over_tcp_are_put_together_and_forgotten_with_their_client(links):
-    link = links("tcpin://127.0.0.1:0", COMPUTER)
-    with socket.create_connection(link.address) as client:
-        for byte in heartbeat(1):
-            client.sendall(bytes([byte]))
-            link.wait(0.01)
-            collect(link, 1, 0.001)
-        collect(link, 1, 0.1)
-        assert (link.counters["received"], link.counters["garbage_bytes"]) == (1, 0)
-        client.sendall(heartbeat(2)[:11])
-        collect(link, 1, 0.05)
-    with socket.create_connection(link.address) as again:
-        again.sendall(heartbeat(3))
-        assert came(collect(link)) == [3]
-
-
-def test_a_flood_takes_a_bounded_call_and_what_was_lost_is_told(links, sender):
-    link = links("udpin://127.0.0.1:0", COMPUTER, accept_system=1)
-    reads = []
-    read = link._transport.read
-    link._transport.read = lambda: reads.append(1) or read()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
-        for _ in range(3000):  # more than the kernel keeps
-            attacker.sendto(b"flood", link.address)
-        assert link.receive(limit=10) == []
-        assert len(reads) == 40
-        while link.wait(0.0):
-            link.receive()
-        sender.sendto(heartbeat(7), link.address)  # the next message reveals the lost ones
-        assert came(collect(link)) == [7]
-    assert link.counters["dropped"] > 0

@@ -51,10 +51,3 @@ def test_an_attitude_has_the_mask_that_px4_takes():
     m = sent(messages.attitude_target(NOSE_NORTH, 0.6, TO, STAMP))
     assert (m.type_mask, m.thrust) == (0b00000111, pytest.approx(0.6))
     assert m.q == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-6)
-
-
-def test_thrust_is_measured_in_weights():
-    weight = 1.3 * 9.80665
-    assert messages.throttle_of(weight, 1.3, 0.47) == pytest.approx(0.47)
-    assert messages.throttle_of(10 * weight, 1.3, 0.47) == 1.0
-    assert messages.throttle_of(-1.0, 1.3, 0.47) == 0.0

@@ -208,11 +208,6 @@ def test_a_fault_that_may_be_flown_with_is_a_warning(lab, change, key, words):
     assert words in lab.warning(key)
 
 
-def test_after_a_loss_no_poses_are_made_up(lab):
-    vars(lab).update(estimator(is_aided=False) | {"rate": 0})
-    assert "pose_stale" in lab.finding_keys() and "not_fused" not in lab.finding_keys()
-
-
 @pytest.mark.parametrize(
     "change",
     [

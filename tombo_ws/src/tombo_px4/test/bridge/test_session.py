@@ -8,8 +8,6 @@ from pymavlink.dialects.v20.common import MAV_CMD_COMPONENT_ARM_DISARM, MAV_CMD_
 from tombo_dynamics.messages import Phase
 from tombo_px4.bridge.session import (
     BridgeOutput,
-    CommandTransaction,
-    RecentStatusTexts,
     Session,
     SessionInput,
     SessionStage,
@@ -222,31 +220,6 @@ def test_a_refused_arming_is_retried_reported_and_given_up():
     assert flight.armings() == 5 * [True], "bounded"
 
 
-def test_an_acknowledgement_is_no_confirmation():
-    flight = Flight().run(2.0)
-    flight.vehicle.deaf = True
-    flight.phase = Phase.TAKEOFF
-    flight.run(1.0)
-    for command in (MAV_CMD_DO_SET_MODE, MAV_CMD_COMPONENT_ARM_DISARM):
-        flight.session.handle_ack(CommandAck(flight.now, command, 0))
-    flight.until(SessionStage.GIVEN_UP)
-    assert "not confirmed by HEARTBEAT" in flight.session.why
-    assert flight.armings() == []
-
-
-def test_a_heartbeat_from_before_the_order_confirms_nothing():
-    transaction, texts = (
-        CommandTransaction(VehicleCommand(mode=OFFBOARD), 2),
-        RecentStatusTexts(maxlen=8),
-    )
-    old = Heartbeat(SECOND, False, OFFBOARD)
-    assert transaction.tick(old, texts, SECOND + STEP), "it is sent even if it looks met"
-    transaction.tick(old, texts, SECOND + 2 * STEP)
-    assert not transaction.done
-    transaction.tick(old._replace(arrival_ns=SECOND + 2 * STEP), texts, SECOND + 3 * STEP)
-    assert transaction.done
-
-
 def test_a_mode_lost_while_arming_disarms_what_arms_late():
     flight = Flight().run(2.0)
     flight.vehicle.arms_late_ns = 1_500_000_000
@@ -260,16 +233,6 @@ def test_a_mode_lost_while_arming_disarms_what_arms_late():
     assert flight.armings()[-1] is False
     assert any("disarmed again" in text for _, text in flight.events)
     assert flight.session.stage == SessionStage.GIVEN_UP
-
-
-def test_poses_lost_while_arming_end_in_a_disarmed_vehicle():
-    flight = Flight().run(2.0)
-    flight.vehicle.arms_late_ns = SECOND
-    flight.until(SessionStage.ARMING, Phase.TAKEOFF).run(0.1)
-    flight.blockers = ("no mocap pose has come",)
-    flight.run(6.0)
-    assert not flight.vehicle.armed
-    assert "no mocap pose has come" in flight.faults["given_up"]
 
 
 def test_a_mode_taken_by_somebody_else_is_reported_and_never_fought():
@@ -353,13 +316,6 @@ def test_px4s_own_fail_safe_is_no_pilot(mode):
     assert flight.vehicle.armed, "an operator's new take-off flies"
 
 
-def test_rotors_that_are_switched_off_are_named_and_no_mode_is():
-    flight = Flight().take_off()
-    flight.vehicle.failsafe = flight.vehicle.killed = True
-    flight.until(SessionStage.LANDING)
-    assert "switched off" in flight.session.why and "mode" not in flight.session.why
-
-
 def test_a_landing_that_px4_refuses_is_commanded_until_it_lands():
     flight = Flight().take_off()
     flight.vehicle.refused_modes = {AUTO_LAND}
@@ -424,17 +380,6 @@ def test_a_bridge_started_in_flight_touches_nothing():
     assert "start it again" in flight.faults["not_engaged"]
 
 
-def test_a_blind_descent_lands_and_does_not_take_off_again():
-    flight = Flight().take_off()
-    flight.until(SessionStage.LANDING, Phase.DESCEND_BLIND).run(2.0)
-    flight.phase = Phase.HOVER
-    flight.run(2.0)
-    assert flight.session.stage == SessionStage.LANDING
-    flight.vehicle.landed, flight.vehicle.armed = MavLandedState.ON_GROUND, False
-    flight.run(10.0)
-    assert flight.armings() == [True]
-
-
 def test_a_refused_landing_goes_on_in_offboard_and_disarms_on_the_ground():
     flight = Flight().take_off()
     flight.vehicle.refuses[MAV_CMD_DO_SET_MODE] = REJECTED
@@ -460,30 +405,6 @@ def test_disarmed_in_flight_is_not_armed_again():
 # --- the operator ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["offboard", "hold", "land", "disarm"])
-def test_a_refused_request_is_answered_with_px4s_text(kind):
-    flight = Flight().take_off()
-    flight.vehicle.mode = POSCTL
-    flight.until(SessionStage.EXTERNAL_MODE)
-    flight.vehicle.refuses = {MAV_CMD_DO_SET_MODE: DENIED, MAV_CMD_COMPONENT_ARM_DISARM: DENIED}
-    reply = flight.ask(kind)
-    assert not reply.success
-    assert "denied" in reply.text and "Resolve system health" in reply.text
-
-
-def test_takeoff_by_service_is_px4s_own_after_the_checks():
-    flight = Flight().run(2.5)
-    assert flight.ask("takeoff").success
-    assert (flight.vehicle.armed, flight.vehicle.mode) == (True, AUTO_TAKEOFF)
-    flight.run(5.0)
-    assert flight.session.stage == SessionStage.EXTERNAL_MODE, (
-        "px4 flies, nobody asks for offboard"
-    )
-    flight.replies.clear()
-    reply = flight.ask("takeoff")
-    assert (reply.success, reply.text) == (False, "the vehicle is armed already")
-
-
 @pytest.mark.parametrize("mode", [OFFBOARD, POSCTL])
 def test_kill_disarms_in_the_air_by_force_whoever_flies(mode):
     flight = Flight().take_off()
@@ -506,15 +427,6 @@ def test_kill_is_sent_without_a_link_too():
     assert flight.vehicle.received[-1] == VehicleCommand(armed=False, force=True)
 
 
-@pytest.mark.parametrize("phase", [Phase.HOVER, Phase.APPROACH, Phase.REACT, Phase.HOLD])
-def test_a_mission_that_believes_to_be_in_the_air_arms_nothing(phase):
-    flight = Flight().run(2.5)
-    flight.phase = phase
-    flight.run(10.0)
-    assert not flight.vehicle.received
-    assert "believes to be in the air" in flight.faults["not_engaged"]
-
-
 def test_a_hold_that_px4_refuses_is_one_by_set_points():
     flight = Flight().take_off()
     flight.vehicle.refused_modes = {AUTO_HOLD}
@@ -525,46 +437,6 @@ def test_a_hold_that_px4_refuses_is_one_by_set_points():
     flight.replies.clear()
     assert flight.ask("offboard").success
     assert flight.run(0.1).stream == SetpointSource.SETPOINT
-
-
-def test_a_second_request_replaces_the_first():
-    flight = Flight().take_off()
-    flight.vehicle.deaf = True
-    held = flight.session.request("hold")
-    flight.run(0.5)
-    flight.vehicle.deaf = False
-    landed = flight.session.request("land")
-    flight.run(2.5)
-    first, second = flight.replies
-    assert (first.number, first.success, second.number, second.success) == (
-        held,
-        False,
-        landed,
-        True,
-    )
-    assert "overtaken" in first.text
-
-
-def test_armed_by_the_operator_it_stands_still_until_the_mission_flies():
-    flight = Flight().run(2.5)
-    assert flight.ask("arm").success
-    flight.replies.clear()
-    assert flight.ask("offboard").success
-    flight.run(8.0)
-    assert (flight.session.stage, flight.stream) == (SessionStage.FLYING, SetpointSource.HOLD)
-    assert flight.vehicle.armed, "PX4's own time-out disarms it, not the bridge"
-    flight.phase = Phase.TAKEOFF
-    assert flight.run(0.1).stream == SetpointSource.SETPOINT
-
-
-def test_the_operator_stops_an_arming_under_way():
-    flight = Flight().run(2.5)
-    flight.vehicle.arms_late_ns = 3 * SECOND
-    flight.until(SessionStage.ARMING, Phase.TAKEOFF)
-    assert flight.ask("disarm").success
-    flight.vehicle.arms_late_ns = 0
-    flight.run(8.0)
-    assert not flight.vehicle.armed
 
 
 # --- whatever happens --------------------------------------------------------------------------
@@ -659,13 +531,6 @@ def test_poses_that_turn_out_wrong_during_a_landing_turn_it_into_a_descent_by_th
     assert flight.vehicle.mode == OFFBOARD and flight.stream == SetpointSource.LEVEL_DESCENT
 
 
-def test_a_descent_by_thrust_that_does_not_end_becomes_px4s_landing():
-    flight = Flight().take_off()
-    flight.must_land, flight.poses_wrong = "poses of another body", True
-    flight.run(25.0)
-    assert flight.vehicle.mode == AUTO_LAND
-
-
 # --- services in every state ---------------------------------------------------------------------
 
 
@@ -724,26 +589,3 @@ def test_a_service_is_obeyed_or_refused_with_a_reason_in_every_state(service, st
         assert SHOWS[service](flight.vehicle)
     elif state == "blocked" and service in ("arm", "takeoff"):
         assert reply.text == flight.blockers[0] and not flight.vehicle.received
-
-
-def test_a_hold_that_comes_too_late_does_not_lift_off_again():
-    """PX4 refuses its own hold; meanwhile the vehicle lands."""
-    flight = Flight().take_off()
-    assert flight.ask("land").success
-    flight.replies.clear()
-    flight.vehicle.refused_modes = {AUTO_HOLD}
-    flight.session.request("hold")
-    flight.run(0.5)
-    flight.vehicle.landed = MavLandedState.ON_GROUND
-    flight.run(6.0)
-    assert not flight.replies[-1].success and "on the ground" in flight.replies[-1].text
-    assert flight.vehicle.mode != OFFBOARD
-
-
-def test_a_hold_that_ends_on_the_ground_is_disarmed():
-    flight = Flight().take_off()
-    flight.vehicle.refused_modes = {AUTO_HOLD}
-    assert flight.ask("hold").success and flight.vehicle.mode == OFFBOARD
-    flight.vehicle.landed = MavLandedState.ON_GROUND
-    flight.run(10.0)
-    assert not flight.vehicle.armed
