@@ -134,6 +134,8 @@ def test_the_stream_is_lost_after_the_time_that_is_set():
         (5, {}, modes.AUTO_HOLD),
         (0, NO_GLOBAL, modes.AUTO_LAND),
         (5, NO_GLOBAL, modes.AUTO_LAND),
+        (0, LOST, modes.ALTCTL),
+        (0, LOST | {"altitude": False}, modes.STABILIZED),
         (3, LOST, DESCEND),
         (4, LOST, DESCEND),
     ],
@@ -142,6 +144,15 @@ def test_what_is_done_when_the_stream_is_lost(action, changes, mode):
     desk = Desk(modes.OFFBOARD, COM_OBL_RC_ACT=action).fly()
     desk.wait(1.1, stream=False, **changes)
     assert desk.commander.mode == mode and desk.commander.armed
+
+
+@pytest.mark.parametrize(("action", "again"), [(6, False), (7, True)])
+def test_terminate_and_disarm_stop_the_rotors(action, again):
+    desk = Desk(modes.OFFBOARD, COM_OBL_RC_ACT=action).fly()
+    desk.wait(1.1, stream=False)
+    assert not desk.commander.armed
+    desk.wait(0.1, landed=True, maybe_landed=True)
+    assert (desk.commander.arm(desk.now) == Result.ACCEPTED) == again
 
 
 # --- By itself -------------------------------------------------------------------------------

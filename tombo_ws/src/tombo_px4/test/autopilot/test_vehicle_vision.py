@@ -112,4 +112,6 @@ def test_after_a_loss_it_does_what_a_real_px4_did(recorded):
         assert flight.height < 0.05 and np.linalg.norm(flight.body[:2] - began) < 1.5
     flight.see, flight.period = True, period
     flight.fly(3.0)
+    if "back" in recorded:
+        assert mode_name(flight.vehicle.mode) == recorded["back"]
     assert flight.vehicle.armed == ("disarmed" not in modes)

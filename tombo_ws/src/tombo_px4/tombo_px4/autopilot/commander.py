@@ -118,18 +118,28 @@ class LandDetector:
 
 DESCEND = Mode(-1)
 """Level descent without a position; a heartbeat shows it as land."""
+TERMINATE = Mode(-2)
+"""Rotors off for good; a heartbeat shows it as manual."""
 _MANUAL_MODES = (MANUAL, ALTCTL, POSCTL, ACRO, STABILIZED)
 _TITLES = {mode: name.capitalize() for mode, name in MODE_NAMES.items() if mode != AUTO_READY}
-_TITLES[DESCEND] = "Descend"
+_TITLES |= {DESCEND: "Descend", TERMINATE: "Termination"}
 _NOT_FOR_ARMING = (AUTO_LAND, AUTO_RTL)
 """Modes that end a flight; after it the mode before is back."""
-_RETURNS = (AUTO_RTL, AUTO_LAND, DESCEND)
-_LANDS = (AUTO_LAND, AUTO_LAND, DESCEND)
-_HOLDS = (AUTO_HOLD, AUTO_LAND, DESCEND)
-FAILSAFES = {4: _LANDS, 5: _HOLDS}
-"""COM_OBL_RC_ACT -> mode after OFFBOARD is lost while PX4 knows its place on earth, in map, none
-of them; with other values it returns. Not simulated: the manual modes of 0 and 1, and the stopped
-rotors of 6 and 7, with which the bridge does not arm."""
+_RETURNS = (AUTO_RTL, AUTO_LAND, DESCEND, DESCEND)
+_LANDS = (AUTO_LAND, AUTO_LAND, DESCEND, DESCEND)
+FAILSAFES = {
+    0: (AUTO_RTL, AUTO_LAND, ALTCTL, STABILIZED),
+    1: (AUTO_RTL, AUTO_LAND, DESCEND, STABILIZED),
+    2: _RETURNS,
+    3: _RETURNS,
+    4: _LANDS,
+    5: (AUTO_HOLD, AUTO_LAND, DESCEND, DESCEND),
+    6: 4 * (TERMINATE,),
+    7: 4 * (TERMINATE,),
+}
+"""COM_OBL_RC_ACT -> mode after OFFBOARD is lost while PX4 knows its place on earth, in map, its
+height alone, none of them. PX4 1.17 without a remote control and with NAV_RCL_ACT 2, its default:
+in altitude and stabilized mode nobody steers. Recorded: `test/autopilot/recorded_losses.yaml`."""
 _NO_SIGNAL = "No offboard signal"
 _NO_STICKS = "No manual control input"
 _NO_POSITION = "Navigation error: No valid position estimate"
@@ -154,6 +164,8 @@ class CommanderInput(NamedTuple):
     kind: ControlLevel
     """Of that set point."""
     battery: BatteryCharge
+    altitude: bool = True
+    """The height is known; without poses for longer than x and y, with a barometer always."""
 
 
 class Commander:
@@ -168,6 +180,7 @@ class Commander:
         self.mode: Mode = AUTO_HOLD
         """Mode that is flown."""
         self.failsafe = False
+        self.terminated = False
         self.killed_tick = -1
         """When the kill switch was switched on; negative: it is off."""
         self._landed_tick = -1
@@ -179,6 +192,8 @@ class Commander:
 
     def missing(self, mode: Mode, now: CommanderInput) -> str:
         """Return the missing inputs of a mode; "" if nothing."""
+        if mode == TERMINATE:
+            return ""
         if not now.attitude:
             return "No valid attitude estimate"
         if mode == DESCEND:
@@ -213,6 +228,8 @@ class Commander:
             problems.append(_BATTERY[now.battery.warning])
         if self.killed_tick >= 0:
             problems.append("Kill switch engaged")
+        if self.terminated:
+            problems.append("Flight termination active")
         return tuple(dict.fromkeys(filter(None, problems)))
 
     # --- commands
@@ -250,7 +267,7 @@ class Commander:
     def set_mode(self, mode: Mode, now: CommanderInput) -> Result:
         """Change the mode: on the ground any, in flight one that can be flown."""
         title = _TITLES.get(mode)
-        if title is None or mode == DESCEND:
+        if title is None or mode in (DESCEND, TERMINATE):
             kind = "auto mode" if mode.main == AUTO_HOLD.main else "mode"
             self._say(Severity.CRITICAL, f"Unsupported {kind}")
             return Result.TEMPORARILY_REJECTED
@@ -293,9 +310,7 @@ class Commander:
         cause = self.missing(mode, now)
         if cause:
             act = int(self._parameters.get("COM_OBL_RC_ACT"))
-            mode = self._failsafe(
-                FAILSAFES.get(act, _RETURNS) if mode == OFFBOARD else _RETURNS, now
-            )
+            mode = self._failsafe(FAILSAFES[act] if mode == OFFBOARD else _RETURNS, now)
         if self._battery_failsafe is not None and mode not in (AUTO_LAND, DESCEND):
             mode, cause = (
                 self._failsafe(self._battery_failsafe, now),
@@ -310,11 +325,15 @@ class Commander:
 
     def _failsafe(self, modes: tuple[Mode, ...], now: CommanderInput) -> Mode:
         """Return the mode of a row of `FAILSAFES`."""
-        known = (now.global_position, now.local_position, True)
+        known = (now.global_position, now.local_position, now.altitude, True)
         return modes[known.index(True)]
 
     def _disarm_by_itself(self, now: CommanderInput) -> None:
         get = self._parameters.get
+        if self.mode == TERMINATE:
+            self.terminated = int(get("COM_OBL_RC_ACT")) == 6
+            self.disarm(now, True, "flight termination" if self.terminated else "failsafe")
+            return
         killed_s = (now.tick - self.killed_tick) / TICK_HZ
         if self.killed_tick >= 0 and killed_s >= get("COM_KILL_DISARM"):
             self.disarm(now, True, "kill-switch")

@@ -58,7 +58,7 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
     ("SYS_FAILURE_EN", 0, 0, 1, "1: MAV_CMD_INJECT_FAILURE may empty the battery"),
     ("COM_RCL_EXCEPT", 0, 0, 31, "modes that need no remote control"),
     ("COM_OF_LOSS_T", 1.0, 0.0, 60.0, "set points missing this long: offboard is lost", "s"),
-    ("COM_OBL_RC_ACT", 0, 0, 7, "offboard lost: 4 land, 5 hold, else return"),
+    ("COM_OBL_RC_ACT", 0, 0, 7, "offboard lost: 3 return, 4 land, 5 hold, 6 and 7 rotors off"),
     ("COM_DISARM_LAND", 2.0, -1.0, 20.0, "disarms so long after landing; -1: never", "s"),
     ("COM_DISARM_PRFLT", 10.0, -1.0, 60.0, "disarms if not taken off; -1: never", "s"),
     ("COM_SPOOLUP_TIME", 1.0, 0.0, 5.0, "rotors idle so long after arming", "s"),

@@ -16,6 +16,7 @@ from tombo_dynamics.time_base import TICK_HZ, TICK_S
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.commander import (
     DESCEND,
+    TERMINATE,
     BatteryCharge,
     BatteryMeter,
     Commander,
@@ -34,11 +35,14 @@ from tombo_px4.autopilot.setpoint_controller import (
     refusal_of,
 )
 from tombo_px4.modes import (
+    ALTCTL,
     AUTO_HOLD,
     AUTO_LAND,
     AUTO_RTL,
     AUTO_TAKEOFF,
+    MANUAL,
     OFFBOARD,
+    STABILIZED,
     MavLandedState,
     Mode,
     Result,
@@ -69,6 +73,8 @@ _CLIMB_MAX, _SLIDE_MAX, _TURN_MAX = 0.25, 1.5, math.radians(20.0)
 _MAX_STATUS_TEXTS = 64
 _FARTHEST = 1e5
 """[m]: a farther position is refused as a mistake."""
+_CLIMB_DAMPING = 0.3
+"""[s/m]: share of the hover thrust against each m/s, in altitude mode."""
 _FALL_TICKS = 2000
 """A vehicle whose rotors were stopped in the air is down after this."""
 
@@ -147,7 +153,7 @@ class Px4Vehicle:
     def mode(self) -> Mode:
         """The mode that is flown, as a heartbeat shows it."""
         mode = self._commander.mode
-        return AUTO_LAND if mode == DESCEND else mode
+        return {DESCEND: AUTO_LAND, TERMINATE: MANUAL}.get(mode, mode)
 
     @property
     def failsafe(self) -> bool:
@@ -191,6 +197,7 @@ class Px4Vehicle:
             self._signal_tick,
             self._signal_kind,
             self.battery,
+            ekf2_model.altitude_ok(tick),
         )
 
     @property
@@ -388,6 +395,11 @@ class Px4Vehicle:
             self._target = None
         state = self.estimate
         heading = yaw_of(state.attitude)
+        if mode in (ALTCTL, STABILIZED):  # without sticks: level, at the hover thrust
+            self._navigator.leave()
+            level = np.array([0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)])
+            damped = 1.0 - _CLIMB_DAMPING * float(state.velocity[2]) if mode == ALTCTL else 1.0
+            return OffboardSetpoint(attitude=level, thrust=self._controller.hover * damped)
         home = state.position if self._home is None else self._home
         return self._navigator.follow(mode, state.position, state.velocity, heading, home)
 
