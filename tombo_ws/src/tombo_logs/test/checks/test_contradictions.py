@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from made_flight import CLIMB, STAND, made_flight, poses_only, smooth_step, with_values, wrote
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from tombo_bag.flight import Flight, Series
+from tombo_bag.flight import Series
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.vehicle import GRAVITY
@@ -60,17 +59,6 @@ def test_an_imu_that_contradicts_the_poses_is_left_out(channel, change, check, t
     assert not IMU & set(checked.series)
     faults = [f for f in wrote(checked, *texts) if f.severity == "fault"]
     assert [(f.check, f.channel) for f in faults] == [(check, channel)]
-
-
-def test_the_axes_it_suggests_are_the_right_ones():
-    """The mend of the message is accepted."""
-    off = with_values(FLIGHT, "gyro", lambda w: w[:, [1, 0, 2]] * [-1, 1, 1])
-    off = with_values(off, "accel", lambda a: a[:, [1, 0, 2]] * [-1, 1, 1])
-    (fault,) = [f for f in check_log(off).findings if f.severity == "fault"]
-    assert "axes: [y, -x, z]" in fault.message
-    back = with_values(off, "gyro", lambda w: w[:, [1, 0, 2]] * [1, -1, 1])
-    back = with_values(back, "accel", lambda a: a[:, [1, 0, 2]] * [1, -1, 1])
-    assert set(check_log(back).series) >= IMU
 
 
 def test_a_turned_rigid_body_is_a_fault_with_its_correction():
@@ -163,26 +151,6 @@ def test_a_flight_that_begins_in_a_steady_hover_and_goes_lower_is_none(only_pose
     assert np.ptp(z[:60]) < 0.004 and np.median(z) < z[0] - 0.3
     checked = check_log(poses_only(flight) if only_poses else flight)
     assert not [f for f in checked.findings if f.severity == "fault"]
-
-
-def corded(along, stiffness=2.5):
-    """Poses of a flight of rising speed on a cord, by its force per mass and metre."""
-    t = np.arange(0.0, 20.0, 0.01)
-    rng = np.random.default_rng(4)
-    phase = 0.6 * (t + 0.012 * t**2)
-    p = np.column_stack([1.4 * np.sin(phase), 1.2 * np.sin(2.0 * phase + 0.5), 1.0 + 0.0 * t])
-    push = CubicSpline(t, p)(t, 2) + stiffness * p * along + np.array([0.0, 0.0, GRAVITY])
-    up = push / np.linalg.norm(push, axis=1, keepdims=True)
-    q = np.column_stack([-up[:, 1], up[:, 0], 0.0 * t, 1.0 + up[:, 2]])
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    p += 2e-4 * rng.standard_normal(p.shape)
-    return Flight.measured("corded", "made", {"position": Series(t, p), "attitude": Series(t, q)})
-
-
-@pytest.mark.parametrize("along", [[1.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-def test_the_pull_of_a_cord_is_no_fault_of_the_frame(along):
-    """It turns the lean round along an axis, where the pace is slow, but not throughout."""
-    assert set(check_log(corded(np.array(along))).series) == {"position", "attitude"}
 
 
 def test_effects_of_the_registry_are_no_contradictions():

@@ -18,8 +18,6 @@ from made_flight import (
 from tombo_bag.flight import Airframe
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
-from tombo_logs.checks.events import Event
-from tombo_logs.checks.impacts import impacts
 from tombo_logs.checks.rotors.hover import Hover
 from tombo_logs.checks.series_cleaning import without_wrong_poses
 
@@ -115,16 +113,6 @@ def test_bends_and_steps_of_the_track_are_no_wrong_poses(samples):
     assert kept.t.size == 1250 and not said
 
 
-@pytest.mark.parametrize(("gyro_at", "said"), [(12.05, []), (12.5, ["jump"])])
-def test_a_turn_that_the_gyro_confirms_is_a_manoeuvre(gyro_at, said):
-    events = [
-        Event(12.0, "the body's rate jumps", "attitude", "turn", 4.0),
-        Event(gyro_at, "the gyro jumps", "gyro", "gyro"),
-    ]
-    findings = impacts("a", events, [], (0.0, 30.0), {"gyro", "accel"})
-    assert [f.check for f in findings] == said
-
-
 def test_a_fall_out_of_the_air_is_a_crash():
     """The log ends soon after the vehicle has turned over."""
     flight = part_of(FLIGHT, end=14.0)
@@ -146,11 +134,6 @@ def test_the_ground_is_set_apart_and_the_flight_is_not():
         assert first[0] == pytest.approx(0.0, abs=0.02) and STAND < first[1] < STAND + 1.0
         assert 24.0 - STAND - 1.0 < second[0] < 24.0 - STAND
         assert second[1] == pytest.approx(24.0, abs=0.05)
-
-
-def test_a_flight_that_begins_and_ends_in_the_air_has_no_ground():
-    air = part_of(FLIGHT, 6.0, 18.0)
-    assert not check_log(air).exclude and not check_log(poses_only(air)).exclude
 
 
 def hover(place, seed):
@@ -208,15 +191,6 @@ def test_a_log_cut_before_take_off_does_not_fly():
     with pytest.raises(InputError, match=r"it does not fly.*cut before take-off") as refusal:
         check_log(log, Hover("ours", 1.3, 420.0))
     assert "another vehicle" not in str(refusal.value)
-
-
-def test_hovering_at_two_heights_is_not_standing():
-    """Hovering wanders by more than the noise of the poses."""
-    t = np.arange(0.0, 30.0, 0.01)
-    wander = 0.01 * np.column_stack([np.sin((0.7 + 0.3 * i) * t + i) for i in range(3)])
-    climb = 1.0 + 0.8 / (1.0 + np.exp(-(t - 15.0) * 3.0))
-    wander[:, 2] += climb
-    assert not check_log(hover(wander, 5)).exclude
 
 
 @pytest.mark.parametrize(

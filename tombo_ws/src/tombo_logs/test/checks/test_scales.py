@@ -13,7 +13,7 @@ FLIGHT = made_flight()
     [
         ("gyro", lambda w: w * [1.4, 1, 1], "scale", "gyro: its x moves"),
         ("gyro", lambda w: w - [0, 0, -0.2], "offset", "its z reads +0.2"),
-        ("accel", lambda a: a * [1, 1, 1.1], "offset", "times the force"),
+        ("accel", lambda a: a * [1, 1, 1.1], "offset", "its z reads +1."),
         ("accel", lambda a: a - [0, 1.2, 0], "offset", "its y reads -1.2"),
         ("position", lambda p: p * [1, 1.4, 1], "scale", "position: its y moves"),
         ("rotor_command", lambda u: u * [1, 1, 0.85, 1], "scale", "front_left is asked for 0.7"),

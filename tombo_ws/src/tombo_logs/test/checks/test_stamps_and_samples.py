@@ -182,41 +182,19 @@ def test_poses_held_on_a_faster_clock_are_thinned():
     assert not [f for f in checked.findings if f.severity == "fault"]
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])
-def test_a_channel_of_nothing_is_left_out_and_poses_are_needed(bad):
-    checked = check_log(with_values(FLIGHT, "gyro", lambda w: w * 0.0 + bad))
+def test_a_channel_of_nothing_is_left_out_and_poses_are_needed():
+    checked = check_log(with_values(FLIGHT, "gyro", lambda w: w * np.nan))
     assert "gyro" not in checked.series
     assert [f.channel for f in wrote(checked, "left out")] == ["gyro"]
-    with pytest.raises(InputError, match=r"no usable position.*needed: position and attitude"):
-        check_log(with_values(FLIGHT, "position", lambda p: p * 0.0 + bad))
+    for missing in POSE:
+        with pytest.raises(InputError, match=f"no usable {missing}: 0 samples; needed: position"):
+            check_log(with_series(FLIGHT, **{missing: None}))
 
 
-@pytest.mark.parametrize("missing", POSE)
-def test_poses_are_needed(missing):
-    with pytest.raises(InputError, match=f"no usable {missing}; needed: position and attitude"):
-        check_log(with_series(FLIGHT, **{missing: None}))
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("seed", range(6))
-def test_whole_flights_with_holes_of_every_kind(seed):
-    rng = np.random.default_rng(seed)
-    flight = made_flight(duration=8.0, seed=seed)
-    series = {}
-    for name, s in flight.series.items():
-        t, values = s.t.copy(), s.values.copy()
-        begin = rng.integers(0, t.size)
-        part = slice(begin, begin + rng.integers(1, 200))
-        kind = rng.integers(6)
-        if kind in (0, 1, 4):
-            values[part] = {0: np.nan, 1: values[begin], 4: 1e6 * values[part]}[int(kind)]
-        else:
-            t[part] = {2: t[begin], 3: np.nan, 5: t[part] - rng.random()}[int(kind)]
-        series[name] = Series(t, values)
-    try:
-        check_log(flight.with_series(series))
-    except InputError as error:
-        assert "\n" not in str(error)
+def test_stamps_that_reach_over_years_are_refused():
+    late = {n: Series(np.append(s.t[:-1], 2e9), s.values) for n, s in FLIGHT.series.items()}
+    with pytest.raises(InputError, match="stamps reach over"):
+        check_log(FLIGHT.with_series(late))
 
 
 def test_poses_alone_are_enough():

@@ -153,35 +153,3 @@ def test_what_can_not_be_used_is_said_in_a_line(tmp_path, content, complaint):
     with pytest.raises(InputError, match=complaint) as error:
         explain_mapping(path)
     assert "\n" not in str(error.value)
-
-
-FIRST, *REST = tables.crazyflie().splitlines()
-HEADER = FIRST.split(",")
-
-
-def with_column(name, change):
-    """The table of a Crazyflie with each cell of a column changed: (row, text) to text."""
-    place = HEADER.index(name)
-    rows = [line.split(",") for line in REST]
-    cells = [
-        [change(i, c) if k == place else c for k, c in enumerate(r)] for i, r in enumerate(rows)
-    ]
-    return "\n".join([FIRST, *(",".join(row) for row in cells)])
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (with_column("stateEstimate.z", lambda i, c: "inf" if i % 50 == 0 else c), "no numbers"),
-        (with_column("gyro.y", lambda i, c: "err" if i > 700 else c), "698 cells are no numbers"),
-        (with_column("Timestamp", lambda i, c: str(float(c) - 5e3 * (i > 700))), "jump back"),
-        (FIRST.replace("pm.vbat", "gyro.x") + "\n" + "\n".join(REST), "more than one column"),
-        ("\n".join([FIRST, *(r[:-9] if i % 9 == 0 else r for i, r in enumerate(REST))]), "cells"),
-    ],
-)
-def test_damaged_tables_are_read_as_far_as_they_are_sound(tmp_path, content, said):
-    text, log = proposed(tmp_path / "a.csv", content)
-    assert said in " ".join(text.replace("#", " ").split())
-    assert {"position", "attitude"} <= set(log.series)

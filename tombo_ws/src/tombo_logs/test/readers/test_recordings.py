@@ -87,20 +87,6 @@ def test_one_clock_for_all_stamps_keeps_their_delays(tmp_path):
     assert np.diff(log.series["position"].t) == pytest.approx(0.02)
 
 
-def test_of_a_cut_recording_what_is_whole_is_read(tmp_path):
-    whole = (BAGS / "no_obstacle_1.mcap").read_bytes()
-    path = tmp_path / "cut.mcap"
-    for share in (0.9, 0.5):
-        path.write_bytes(whole[: int(share * len(whole))])
-        try:
-            log = read_bag(path, "a")
-        except InputError as error:
-            assert "\n" not in str(error)
-        else:
-            assert log.series["position"].t.size > 100
-            assert any(f.check == "damage" for f in log.findings)
-
-
 def test_a_folder_of_flights_is_several_and_a_rosbag2_folder_is_one(tmp_path):
     for name in ("aggressive_2", "no_obstacle_1"):
         shutil.copy(BAGS / f"{name}.mcap", tmp_path)

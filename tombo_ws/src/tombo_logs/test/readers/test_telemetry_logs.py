@@ -10,7 +10,6 @@ from pymavlink.dialects.v10 import ardupilotmega as v1
 from pymavlink.dialects.v20 import ardupilotmega as v2
 from scipy.spatial.transform import Rotation
 
-from tombo_dynamics.errors import InputError
 from tombo_logs.readers.log_reader import read_logs
 
 FLIGHT = made_flight(duration=3.0, mocap_hz=50.0, imu_hz=50.0)
@@ -86,23 +85,6 @@ def test_without_motion_capture_the_estimate_is_taken_and_said(tmp_path):
     (log,) = read_logs([written(tmp_path / "a.tlog", v2, mocap=False)])
     close(log.series["position"].values, P.values, 1e-6)
     assert any("estimate" in f.message for f in log.findings)
-
-
-def test_damage_is_survived_and_said(tmp_path):
-    whole = written(tmp_path / "a.tlog", v2).read_bytes()
-    bad = bytearray(whole)
-    for at in np.random.default_rng(3).integers(100, len(bad), 40):
-        bad[at] ^= 0x5A
-    for content, said in ((bad, "damaged"), (whole[: len(whole) // 2 + 3], "cut off")):
-        (tmp_path / "b.tlog").write_bytes(content)
-        (log,) = read_logs([tmp_path / "b.tlog"])
-        place = log.series["position"].values
-        # a frame whose checksum is wrong is never read
-        assert all(np.abs(P.values - row).max(axis=1).min() < 1e-5 for row in place)
-        assert any(said in f.message for f in log.findings)
-    (tmp_path / "b.tlog").write_bytes(whole[:30])
-    with pytest.raises(InputError, match="has no poses"):
-        read_logs([tmp_path / "b.tlog"])
 
 
 def test_odometry_of_a_companion_is_the_pose_and_that_of_the_autopilot_is_not(tmp_path):

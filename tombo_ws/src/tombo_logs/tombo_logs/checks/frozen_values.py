@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tombo_bag.flight import Finding
+from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_logs.checks.spans import Span, runs, sample_interval
 
@@ -36,18 +36,6 @@ def frozen_spans(t: Array, values: Array) -> list[Span]:
     return spans
 
 
-def frozen(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:
-    """Report where a channel is frozen; these spans are not measurements."""
-    findings = []
-    for begin, end in frozen_spans(t, values):
-        text = (
-            f"{channel}: the same value for {end - begin:.2f} s, then a jump; expected: a channel "
-            "that moves; set apart"
-        )
-        findings.append(Finding("frozen", "fault", flight, text, begin, end, channel))
-    return findings
-
-
 def interpolated_spans(t: Array, values: Array) -> list[Span]:
     """Return where all components lie on one straight line that rises: interpolated."""
     if t.size < 8:
@@ -74,14 +62,20 @@ def interpolated_spans(t: Array, values: Array) -> list[Span]:
     return lines
 
 
-def drawn(flight: str, channel: str, t: Array, values: Array) -> list[Finding]:
-    """Report where a channel is a straight line for long; these spans are not measurements."""
-    findings = []
-    for begin, end in interpolated_spans(t, values):
-        if end - begin < _MIN_LENGTH_S:
-            continue
-        last = end >= t[-1] - 2.0 * sample_interval(t)
-        why = " to the end: extrapolated" if last else ": interpolated"
-        text = f"{channel}: a straight line over {end - begin:.2f} s{why}, not measured; set apart"
-        findings.append(Finding("frozen", "fault", flight, text, begin, end, channel))
-    return findings
+def unmeasured(flight: str, channel: str, series: Series) -> list[Finding]:
+    """Report where a channel is frozen, or a straight line for long: these are no measurements."""
+    t = series.t
+    texts = {
+        (begin, end): f"the same value for {end - begin:.2f} s, then a jump; expected: a channel "
+        "that moves"
+        for begin, end in frozen_spans(t, series.values)
+    }
+    for begin, end in interpolated_spans(t, series.values):
+        if end - begin >= _MIN_LENGTH_S:
+            last = end >= t[-1] - 2.0 * sample_interval(t)
+            why = " to the end: extrapolated" if last else ": interpolated"
+            texts[begin, end] = f"a straight line over {end - begin:.2f} s{why}, not measured"
+    return [
+        Finding("frozen", "fault", flight, f"{channel}: {text}; set apart", *span, channel)
+        for span, text in texts.items()
+    ]

@@ -59,8 +59,13 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
         findings += more
     _check_there(log.name, series, findings, needed)
     poses.check_values(log.name, series)
-    flown = _extent(series["position"])
-    stood_still = _frozen(log.name, series)
+    flown = float(series["position"].t[0]), float(series["position"].t[-1])
+    stood_still = [
+        finding
+        for name in _MOVING
+        if name in series
+        for finding in frozen_values.unmeasured(log.name, name, series[name])
+    ]
     lost = _spans(f for f in stood_still if f.channel in POSE)
     position = series["position"]
     keep = ~inside(position.t, lost)
@@ -80,7 +85,7 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     motion = _motion(series, known)
     if motion is not None:
         poses.check_tilt(log.name, motion)
-    findings += _rotor_sensors(log.name, series, known)
+    findings += _rotor_sensors(log.name, series, known, flown)
     set_back = {f.channel for f in findings if f.check == "stamps" and f.severity == "fault"}
     if motion is not None:
         series, more = common_clock(log.name, series, motion, frozenset(set_back))
@@ -93,7 +98,10 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     apart = merged([*excluded, *_spans(findings)])
     series, more = _consistent(log.name, series, apart)
     findings += more
-    findings += _wind(log, series, apart, hover)
+    if (motion := _motion(series, apart)) is not None:
+        known_vehicle = log.airframe or hover
+        mass = None if known_vehicle is None else known_vehicle.mass
+        findings += wind(log.name, motion, series["position"], mass)
     findings += _motors(log.name, series, apart, None if log.airframe is not None else hover)
     position = series["position"]
     findings += arrival_stamps(log.name, position.t, position.arrival)
@@ -120,19 +128,13 @@ def _check_there(
     flight: str, series: dict[str, Series], findings: list[Finding], needed: Sequence[str]
 ) -> None:
     for name in needed:
-        if name not in series:
+        count = series[name].t.size if name in series else 0
+        if count < _LEAST:
             raise RefusedLog(
                 flight,
                 name,
-                f"no usable {name}{why_left_out(findings, (name,))}; needed: "
-                f"{' and '.join(needed)} of the motion capture",
-            )
-        if series[name].t.size < _LEAST:
-            raise RefusedLog(
-                flight,
-                name,
-                f"{name}: {series[name].t.size} samples; needed: at least "
-                f"{_LEAST}, and seconds of flight for a diagnosis",
+                f"no usable {name}: {count} samples{why_left_out(findings, (name,))}; needed: "
+                f"{' and '.join(needed)} of the motion capture, at least {_LEAST} samples",
             )
 
 
@@ -156,16 +158,6 @@ def _limit_spans(
             elif limited:
                 apart += sensor_range.spans_at_limit(series[name].t, at)
     return apart, findings
-
-
-def _frozen(flight: str, series: dict[str, Series]) -> list[Finding]:
-    findings: list[Finding] = []
-    for name in _MOVING:
-        if name in series:
-            values = series[name].t, series[name].values
-            findings += frozen_values.frozen(flight, name, *values)
-            findings += frozen_values.drawn(flight, name, *values)
-    return findings
 
 
 def _spans(findings: Iterable[Finding]) -> list[Span]:
@@ -234,17 +226,6 @@ def _consistent(
     return series, findings
 
 
-def _wind(
-    log: Flight, series: dict[str, Series], apart: list[Span], hover: Hover | None
-) -> list[Finding]:
-    """Report wind; the mass is that of the log's airframe, else of the model."""
-    motion = _motion(series, apart)
-    if motion is None:
-        return []
-    mass = log.airframe.mass if log.airframe is not None else hover.mass if hover else None
-    return wind(log.name, motion, series["position"], mass)
-
-
 def _accel_unit(flight: str, series: dict[str, Series], down: list[Span]) -> list[Finding]:
     """Check unit and upward axis of the accelerometer; a faulty IMU is taken out."""
     if "accel" not in series:
@@ -257,14 +238,16 @@ def _accel_unit(flight: str, series: dict[str, Series], down: list[Span]) -> lis
     return findings
 
 
-def _rotor_sensors(flight: str, series: dict[str, Series], apart: list[Span]) -> list[Finding]:
+def _rotor_sensors(
+    flight: str, series: dict[str, Series], apart: list[Span], flown: Span
+) -> list[Finding]:
     """Check each rotor's speed; unusable samples are removed."""
     if "rotor_speed" not in series:
         return []
     speed = series.pop("rotor_speed")
     # its clock and that of the poses may differ: not close to take-off and landing
     wide = [(b - _NEAR_GROUND_S, e + _NEAR_GROUND_S) for b, e in apart]
-    flying = _flying(speed, wide) & inside(speed.t, [_extent(series["position"])])
+    flying = _flying(speed, wide) & inside(speed.t, [flown])
     replaced = any(name in series for name in DRIVES)
     kept, findings = sensor_faults(flight, speed, series.get("rotor_command"), flying, replaced)
     if kept is not None:
@@ -305,10 +288,6 @@ def _motors(
         }
         findings += drop_faulty(series, check_vehicle(flight, drives, hover))
     return findings
-
-
-def _extent(series: Series) -> Span:
-    return float(series.t[0]), float(series.t[-1])
 
 
 def _flying(series: Series, apart: list[Span]) -> Mask:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
@@ -120,18 +119,6 @@ def tilt_response(motion: EvenFlight) -> tuple[Array, float] | None:
         return None
     response, _, _, _ = np.linalg.lstsq(expected, acceleration, rcond=None)
     return np.asarray(response.T), _explained(acceleration - expected @ response, acceleration)
-
-
-def lean_explains(motion: EvenFlight, rows: NDArray[np.intp], axes: Array | None = None) -> float:
-    """Return the share of the horizontal acceleration that thrust along body z explains.
-
-    Of these rows; `axes` (2, 2): world x, y from those of the track.
-    """
-    expected = _centred(_horizontal_over_vertical(motion.up[rows]) * GRAVITY)
-    acceleration = _centred(motion.acceleration[rows, :2])
-    if axes is not None:
-        acceleration = acceleration @ axes.T
-    return _explained(acceleration - expected, acceleration)
 
 
 def drag_correlations(motion: EvenFlight) -> Array | None:

@@ -10,7 +10,7 @@ from tombo_bag.flight import RefusedLog, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.even_flight import EvenFlight
-from tombo_logs.checks.pose_imu_consistency import force_response, lean_explains, tilt_response
+from tombo_logs.checks.pose_imu_consistency import force_response, tilt_response
 from tombo_logs.checks.spans import white_noise
 from tombo_logs.checks.unit_mistakes import guess
 
@@ -18,12 +18,6 @@ _SIZES = (0.4, 2.5)
 """Acceleration of the track over what its lean gives: drag and wind change it by far less."""
 _LEANS = 5.0
 """From this ratio on it is the lean that is too small, if the acceleration is a possible one."""
-_EXPLAINED, _CONTRADICTED = 0.6, 0.35
-"""Share of the track's acceleration that other axes explain, and share that they may leave of what
-ours leave, to be the right ones."""
-_PARTS = 3
-"""Of a flight, in each of which other axes must be the right ones: a frame does not change, the
-pull of a cord or of a fan does with place and pace."""
 _STANDS = 0.5
 """Speed or command of the motors over that in flight below which they can't carry the vehicle."""
 
@@ -67,20 +61,6 @@ def check_tilt(flight: str, motion: EvenFlight) -> None:
         )
 
 
-def _right_throughout(motion: EvenFlight, axes: Array) -> bool:
-    """Return whether axes (2, 2) explain clearly more than ours, in each part that accelerates."""
-    rows = np.flatnonzero(motion.valid)
-    parts = np.array_split(rows, _PARTS)
-    least = motion.acceleration[rows, :2].std() / _PARTS
-    moving = [part for part in parts if motion.acceleration[part, :2].std() > least]
-    ours = [lean_explains(motion, part) for part in moving]
-    others = [lean_explains(motion, part, axes) for part in moving]
-    return all(
-        other > _EXPLAINED and 1.0 - other < _CONTRADICTED * (1.0 - share)
-        for share, other in zip(ours, others, strict=True)
-    )
-
-
 def check_poses(flight: str, motion: EvenFlight, scale: float | None, imu: bool) -> None:
     """Refuse poses whose position and attitude contradict each other.
 
@@ -104,8 +84,7 @@ def check_poses(flight: str, motion: EvenFlight, scale: float | None, imu: bool)
         _check_axes(flight, force_response(motion), 45.0, "turned by the attitude, accel says")
     elif lean is not None:
         u, s, vt = np.linalg.svd(lean[0])
-        # else it moved along one line only, or a force that depends on place acts
-        if s[1] > 0.25 * s[0] and _right_throughout(motion, (u @ vt).T):
+        if s[1] > 0.25 * s[0]:  # else it moved along one line only
             _check_axes(flight, (u @ vt, lean[1]), 120.0, "the attitude leans")
 
 

@@ -7,6 +7,8 @@ is outside of that bracket.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -30,6 +32,9 @@ _GYRO_OFFSET = 0.06
 """rad/s that is reported."""
 _ACROSS_OFFSET, _ALONG_OFFSET = 0.6, 0.5
 """m/s^2 across and along the thrust: markers may define a body that is turned by 3.5 deg."""
+_UNITS = {"gyro": "rad/s", "accel": "m/s^2"}
+_MAYBE = {"gyro": "", "accel": ": an offset, a scale, or a rigid body that was defined turned"}
+"""What an offset of the channel may be."""
 _ROTOR_SCALE = 1.18
 """Ratio of one rotor's command to the mean of the others: a centre of gravity off the middle, and
 the scatter of small motors, stay within."""
@@ -43,64 +48,33 @@ def gyro_scales(flight: str, motion: EvenFlight, late_s: float) -> list[Finding]
         motion: of poses and IMU.
         late_s: delay of the poses' stamps against the gyro's.
     """
-    good = motion.valid
-    if not motion.gyro.size or np.count_nonzero(good) < _FEWEST:
+    if not _is_compared(motion, motion.gyro):
         return []
-    rates = interpolated(motion.t + late_s, motion.t, motion.rates)
-    findings = []
-    for k, axis in enumerate("xyz"):
-        expected, found = rates[good, k], motion.gyro[good, k]
-        bracket = _ratio(expected, found, _TURNS)
-        if bracket is not None and _is_beyond(bracket, _GYRO_SCALE):
-            findings.append(_scale(flight, "gyro", axis, bracket, "the attitude's rate"))
-        left = found - expected
-        offset, sigma = float(left.mean()), _deviation_of_mean(left)
-        if abs(offset) > max(_GYRO_OFFSET, _SIGMAS * sigma):
-            text = (
-                f"gyro: its {axis} reads {offset:+.3f} ± {sigma:.3f} rad/s beside the attitude's "
-                "rate throughout; expected: 0"
-            )
-            findings.append(Finding("offset", "warning", flight, text, channel="gyro"))
-    return findings
+    rates = interpolated(motion.t + late_s, motion.t, motion.rates)[motion.valid]
+    gyro = motion.gyro[motion.valid]
+    scales = _scales(flight, "gyro", rates, gyro, (_TURNS, _GYRO_SCALE), "the attitude's rate")
+    return [*scales, *_offsets(flight, "gyro", rates, gyro, [_GYRO_OFFSET] * 3)]
 
 
 def accel_offsets(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report axes of the accelerometer that on average read another force than the poses give."""
-    good = motion.valid
-    if not motion.accel.size or np.count_nonzero(good) < _FEWEST:
+    if not _is_compared(motion, motion.accel):
         return []
-    force = motion.acceleration[good] + np.array([0.0, 0.0, GRAVITY])
-    expected = Rotation.from_quat(motion.attitude[good]).inv().apply(force)
-    left = motion.accel[good] - expected
-    findings = []
-    for k, axis in enumerate("xyz"):
-        offset, sigma = float(left[:, k].mean()), _deviation_of_mean(left[:, k])
-        least = _ALONG_OFFSET if axis == "z" else _ACROSS_OFFSET
-        if abs(offset) <= max(least, _SIGMAS * sigma):
-            continue
-        text = f"accel: its {axis} reads {offset:+.2f} ± {sigma:.2f} m/s^2 beside what poses give"
-        if axis == "z":
-            scale = 1.0 + offset / float(expected[:, k].mean())
-            text += f": an offset, or {scale:.2f} times the force; expected: 0, or 1"
-        else:
-            text += ": an offset, or a rigid body that was defined turned; expected: 0"
-        findings.append(Finding("offset", "warning", flight, text, channel="accel"))
-    return findings
+    force = motion.acceleration[motion.valid] + np.array([0.0, 0.0, GRAVITY])
+    expected = Rotation.from_quat(motion.attitude[motion.valid]).inv().apply(force)
+    limits = [_ACROSS_OFFSET, _ACROSS_OFFSET, _ALONG_OFFSET]
+    return _offsets(flight, "accel", expected, motion.accel[motion.valid], limits)
 
 
 def track_scales(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report axes of the map along which the track accelerates otherwise than the IMU says."""
-    good = motion.valid
-    if not motion.accel.size or np.count_nonzero(good) < _FEWEST:
+    if not _is_compared(motion, motion.accel):
         return []
+    good = motion.valid
     expected = Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good])
-    findings = []
-    for k, axis in enumerate("xyz"):
-        bracket = _ratio(expected[:, k], motion.acceleration[good, k], _ACCELERATES)
-        if bracket is not None and _is_beyond(bracket, _TRACK_SCALE):
-            what = "the accelerometer's, turned by the attitude"
-            findings.append(_scale(flight, "position", axis, bracket, what))
-    return findings
+    what = "the accelerometer's, turned by the attitude"
+    limits = _ACCELERATES, _TRACK_SCALE
+    return _scales(flight, "position", expected, motion.acceleration[good], limits, what)
 
 
 def rotor_scales(flight: str, channel: str, command: Series, flying: Mask) -> list[Finding]:
@@ -144,15 +118,39 @@ def _is_beyond(bracket: tuple[float, float], limit: float) -> bool:
     return bracket[0] > limit or bracket[1] < 1.0 / limit
 
 
-def _deviation_of_mean(values: Array) -> float:
-    return float(values.std() * np.sqrt(INDEPENDENT / values.size))
+def _is_compared(motion: EvenFlight, channel: Array) -> bool:
+    return bool(channel.size) and np.count_nonzero(motion.valid) >= _FEWEST
 
 
-def _scale(
-    flight: str, channel: str, axis: str, bracket: tuple[float, float], against: str
-) -> Finding:
-    text = (
-        f"{channel}: its {axis} moves {bracket[0]:.2f} to {bracket[1]:.2f} times as much as "
-        f"{against}; expected: 1, one scale for all axes"
-    )
-    return Finding("scale", "warning", flight, text, channel=channel)
+def _scales(
+    flight: str, channel: str, expected: Array, measured: Array, limits: tuple[float, float],
+    against: str,
+) -> list[Finding]:  # fmt: skip
+    """Report axes of (N, 3) whose scale differs; limits: least change, and ratio."""
+    findings = []
+    for k, axis in enumerate("xyz"):
+        bracket = _ratio(expected[:, k], measured[:, k], limits[0])
+        if bracket is not None and _is_beyond(bracket, limits[1]):
+            text = (
+                f"{channel}: its {axis} moves {bracket[0]:.2f} to {bracket[1]:.2f} times as much "
+                f"as {against}; expected: 1, one scale for all axes"
+            )
+            findings.append(Finding("scale", "warning", flight, text, channel=channel))
+    return findings
+
+
+def _offsets(
+    flight: str, channel: str, expected: Array, measured: Array, limits: Sequence[float]
+) -> list[Finding]:
+    """Report axes of (N, 3) that read something else throughout; limits by axis."""
+    left = measured - expected
+    offsets, sigmas = left.mean(axis=0), left.std(axis=0) * np.sqrt(INDEPENDENT / len(left))
+    findings = []
+    for axis, offset, sigma, limit in zip("xyz", offsets, sigmas, limits, strict=True):
+        if abs(offset) > max(limit, _SIGMAS * sigma):
+            text = (
+                f"{channel}: its {axis} reads {offset:+.3f} ± {sigma:.3f} {_UNITS[channel]} "
+                f"beside what the poses give{_MAYBE[channel]}; expected: 0"
+            )
+            findings.append(Finding("offset", "warning", flight, text, channel=channel))
+    return findings

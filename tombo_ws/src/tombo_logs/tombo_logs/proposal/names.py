@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from tombo_logs.readers.units import SPELLINGS, UNITS
@@ -113,8 +112,7 @@ _FORMS: Final[dict[str, Sequence[Sequence[str | int]]]] = {
 """Form → axes or numbers of its columns, in order."""
 
 
-@dataclass(frozen=True)
-class Role:
+class Role(NamedTuple):
     """How the columns of a channel are named."""
 
     form: str
@@ -122,8 +120,6 @@ class Role:
     """Names; only plain axes and angles are candidates without any of them."""
     refused: frozenset[str] = frozenset()
     preferred: frozenset[str] = frozenset()
-    mocap: float = 2.0
-    """Score of words of a motion capture; -2: of an estimate; -1: of ground truth."""
 
 
 def _set(text: str) -> frozenset[str]:
@@ -134,7 +130,6 @@ _MOCAP: Final = _set("vicon mocap optitrack motive qualisys qtm vrpn lighthouse 
 _ESTIMATE: Final = _set(
     "est local estimate estimated estimator kalman ekf state filtered odometry"
 )
-_TRUTH: Final = _set("truth groundtruth gt")
 _NOT_MEASURED: Final = _set(
     "sp setpoint target ctrltarget ref reference desired des goal controller pid cmd "
     "b bias cov covariance var variance std stddev noise err error delta innovation reset"
@@ -144,6 +139,7 @@ _GYRO: Final = _set("gyro gyr gyroscope")
 _RATES: Final = _set("w g omega angular rates rate angvel")
 _ACCEL: Final = _set("acc accel accelerometer acceleration")
 _QUATERNION: Final = _set("q quat quaternion orientation attitude rotation")
+_MOTOR: Final = _set("motor motors command cmd control controls throttle normalized")
 _SPEED: Final = _set("rpm erpm omega speed velocity w")
 _POSITION: Final = _set("p pos position translation location t xyz")
 ROLES: Final = {
@@ -152,20 +148,17 @@ ROLES: Final = {
         _GYRO | _RATES | _ACCEL | _LOAD | _set(
             "a v vel velocity speed twist mag magnetometer m force torque moment wind linear baro"
         ),
-        _POSITION, 3.0,
+        _POSITION,
     ),
     "quaternion": Role("quaternion", _QUATERNION, _LOAD),
     "angles": Role("angles", frozenset(), _GYRO | _RATES | _LOAD),
-    "gyro": Role("vector", _GYRO | _RATES, _ACCEL | {"mag", "twist"}, _GYRO | {"imu"}, -4.0),
-    "accel": Role(
-        "vector", _ACCEL | {"a"}, _GYRO | {"angular"}, _ACCEL | {"imu"}, -4.0
-    ),
+    "gyro": Role("vector", _GYRO | _RATES, _ACCEL | _MOCAP | {"mag", "twist"}, _GYRO | {"imu"}),
+    "accel": Role("vector", _ACCEL | {"a"}, _GYRO | _MOCAP | {"angular"}, _ACCEL | {"imu"}),
     "rotors": Role(
         "rotors",
-        _SPEED | _set("motor motors m pwm output outputs control controls actuator actuators esc "
-                      "rotor rotors servo throttle cmd command u channels"),
-        _QUATERNION | _ACCEL | {"a"} | _GYRO,
-        _set("motor motors command cmd control controls throttle normalized"), 0.0,
+        _SPEED | _MOTOR | _set("m pwm output outputs actuator actuators esc rotor rotors servo u "
+                               "channels"),
+        _QUATERNION | _ACCEL | {"a"} | _GYRO, _MOTOR,
     ),
     # the stamp of a message's header is the capture; another time is when it was recorded
     "time": Role(
@@ -194,8 +187,8 @@ def candidates(role: str, groups: Sequence[ColumnGroup]) -> list[Candidate]:
             continue
         if role == "position" and group.unit not in ("", "m", "cm", "mm"):
             continue
-        score = 3.0 * bool(words & rule.preferred) + rule.mocap * bool(words & _MOCAP)
-        score -= 2.0 * bool(words & _ESTIMATE) + bool(words & _TRUTH)
+        score = 3.0 * bool(words & rule.preferred) + 3.0 * bool(words & _MOCAP)
+        score -= 2.0 * bool(words & _ESTIMATE)
         if role == "position" and group.words[-1:] == ("p",):
             # X.px in addition to X.x is another object's place: of a payload in a Crazyflie's log
             score -= 5.0 * any(g.words == group.words[:-1] and "x" in g.columns for g in groups)

@@ -15,7 +15,7 @@ from tombo_bag.channels import CHANNELS
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.proposal.names import Candidate, candidates, grouped, is_estimate, is_speed
+from tombo_logs.proposal.names import ROLES, Candidate, candidates, grouped, is_estimate, is_speed
 from tombo_logs.readers.units import UNITS
 
 _BITCRAZE: Final[tuple[int, ...]] = (0, 2, 3, 1)
@@ -24,8 +24,6 @@ _PWM: Final = (0.0, 65535.0)
 _COMMAND_RANGES: Final = ((0.0, 1.0), (0.0, 100.0), (0.0, 255.0), (1000.0, 2000.0), _PWM)
 """Values of a motor at rest and at full power: share, percent, byte, pulse [us], Crazyflie's."""
 _LEAST_ROWS: Final = 20
-_LARGEST: Final = 1e9
-"""No sensor has a larger value, in any unit."""
 _USUAL_STEP_S: Final = 0.01
 _BY_SIZE: Final = {
     "position": (100.0, "m", "mm"),
@@ -72,16 +70,8 @@ def propose(columns: Mapping[str, Array]) -> Proposal:
         return proposal
     usable = {
         role: [(c, s) for c in candidates(role, groups) if (s := _series(columns, t, c))]
-        for role in (
-            "position",
-            "quaternion",
-            "angles",
-            "gyro",
-            "accel",
-            "rotors",
-            "voltage",
-            "current",
-        )
+        for role in ROLES
+        if role != "time"
     }
     doubt = "" if proposal.is_crazyflie else "assumed; the checks compare it with the motion"
     proposal.axes += [
@@ -102,7 +92,7 @@ def propose(columns: Mapping[str, Array]) -> Proposal:
 def _series(columns: Mapping[str, Array], t: Array, candidate: Candidate) -> Series | None:
     """Return the rows in which all columns have a value; None: too few, or all zero."""
     values = np.column_stack([columns[c] for c in candidate.columns])
-    rows = (np.abs(values) < _LARGEST).all(axis=1) & np.isfinite(t)
+    rows = np.isfinite(values).all(axis=1) & np.isfinite(t)
     t, values = t[rows], values[rows]
     rising = np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0.0
     if np.count_nonzero(rising) < _LEAST_ROWS or not values[rising].any():
@@ -189,8 +179,6 @@ def _accelerometer(usable: Usable, proposal: Proposal) -> None:
 def _vector(key: str, usable: Usable) -> Line:
     candidate, series = usable[0]
     unit, why, doubt = _unit(key, candidate, series)
-    if len(usable) > 1:
-        why += f"; there is also {', '.join(c.columns[0] for c, _ in usable[1:4])}"
     if key == "position" and is_estimate(candidate.group):
         doubt = "an estimate of the vehicle, no motion capture: smoothed with its IMU"
     return Line(key, {"columns": list(candidate.columns), "unit": unit}, why, doubt)

@@ -22,8 +22,6 @@ from tombo_logs.readers.mapping_file import ChannelMap, TimeColumn
 from tombo_logs.readers.units import factor
 
 _POSE = ("position", "attitude")
-_INERTIAL = ("gyro", "accel", "motor_command")
-"""Without poses these say how a vehicle answers its motors."""
 _IN_WORLD = (
     *("position", "acceleration", "estimated_position", "estimated_velocity"),
     *("position_setpoint", "velocity_setpoint", "acceleration_setpoint"),
@@ -40,11 +38,10 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
     """
     table = open_table(path)
     mapping = mapping or _recognised(table)
-    if not any(set(kind) <= set(mapping.channels) for kind in (_POSE[:1], _INERTIAL)):
+    if "position" not in mapping.channels:
         raise InputError(
             f"mapping '{mapping.name}' has no channel position; needed: position of the motion "
-            "capture, and its attitude for all but --healthy; for `tombo vehicle from-flights` "
-            f"{', '.join(_INERTIAL)} will do"
+            "capture, and its attitude for all but --healthy"
         )
     there = set(table.columns)
     findings = damage_findings(name, path, table.damage)
@@ -89,10 +86,7 @@ def fitting_mappings(table: CsvTable) -> list[LogMapping]:
     return [
         mapping
         for mapping in shipped().values()
-        if all(
-            set(_columns(mapping.channels[key], mapping, there)) <= there
-            for key in (_POSE if "position" in mapping.channels else _INERTIAL)
-        )
+        if all(set(_columns(mapping.channels[key], mapping, there)) <= there for key in _POSE)
     ]
 
 

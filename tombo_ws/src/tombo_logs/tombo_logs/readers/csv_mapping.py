@@ -5,7 +5,6 @@ YAML. `docs/logs.md` explains it by example; those shipped are in `mappings/`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from importlib import resources
@@ -18,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.channels import ALL_CHANNELS
 from tombo_bag.flight import Airframe, Series
 from tombo_dynamics.errors import InputError, shown, unknown_name
+from tombo_dynamics.params import check_number
 from tombo_dynamics.rotation import unwrap_quaternions
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, turn_attitude
@@ -25,7 +25,6 @@ from tombo_logs.readers.mapping_file import (
     ChannelMap,
     TimeColumn,
     columns_of,
-    number_of,
     numbers_of,
     read_mapping,
     shipped_mappings,
@@ -124,7 +123,7 @@ def parse_mapping(text: str, name: str) -> LogMapping:
         time=_time(values.get("time"), f"{what}: time"),
         world=world,
         body=body,
-        turn_deg=numbers_of(values.get("turn_deg", (0.0, 0.0, 0.0)), 3, f"{what}: turn_deg"),
+        turn_deg=numbers_of(values.get("turn_deg", [0.0, 0.0, 0.0]), 3, f"{what}: turn_deg"),
         channels={key: _channel(key, value, what) for key, value in channels.items()},
         airframe=_airframe(values.get("airframe"), f"{what}: airframe"),
     )
@@ -175,7 +174,7 @@ def _time(content: object, what: str) -> TimeColumn | None:
     if ("column" in values) == ("rate" in values):
         raise InputError(f"{what}: no column, or rate besides; accepted: column, or rate in Hz")
     if "rate" in values:
-        return TimeColumn("", rate=number_of(values["rate"], 0.1, 1e5, f"{what}: rate"))
+        return TimeColumn("", rate=check_number(f"{what}: rate", values["rate"], "Hz", (0.1, 1e5)))
     time = TimeColumn(str(values["column"]), str(values.get("unit", "s")))
     factor(time.unit, "s", what)
     return time
@@ -210,5 +209,5 @@ def _airframe(content: object, what: str) -> Airframe | None:
         if name == "inertia":
             values[name] = numbers_of(value, 3, f"{what}: {name}")
         elif name != "name":
-            values[name] = number_of(value, _SMALLEST, math.inf, f"{what}: {name}")
+            values[name] = check_number(f"{what}: {name}", value, "SI", (_SMALLEST, 1e9))
     return Airframe(**values)

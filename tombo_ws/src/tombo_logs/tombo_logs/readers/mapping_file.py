@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -10,12 +9,16 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
+from tombo_dynamics.params import check_number
 from tombo_dynamics.yaml_text import read_text
+from tombo_flight.yaml_file import check_keys, list_of, mapping_of
 from tombo_logs.readers.units import factor
 
 M = TypeVar("M")
 Parse = Callable[[str, str], M]
 """(text, name) to the mapping that is checked."""
+_FARTHEST = 1e9
+"""Of any number in a mapping."""
 _LARGEST = 200_000
 """Bytes; a mapping is some hundred."""
 
@@ -93,14 +96,9 @@ def table_of(content: object, what: str, accepted: Collection[str]) -> dict[str,
     Raises:
         InputError: it is not a table, or has a key that is not accepted.
     """
-    if content is None:
-        return {}
-    if not isinstance(content, Mapping):
-        raise InputError(f"{what} is {shown(content)}; accepted: {', '.join(accepted)}")
-    for key in content:
-        if key not in accepted:
-            raise unknown_name(f"key of {what}", key, accepted)
-    return {str(key): value for key, value in content.items()}
+    values = mapping_of({} if content is None else content, what)
+    check_keys(values, accepted, what)
+    return dict(values)
 
 
 def columns_of(content: object, what: str, width: int | None, names: str) -> tuple[str, ...]:
@@ -128,29 +126,13 @@ def unit_of(values: Mapping[str, Any], wanted: str, what: str) -> str:
     return unit
 
 
-def numbers_of(content: Any, count: int, what: str) -> tuple[Any, ...]:
+def numbers_of(content: object, count: int, what: str) -> tuple[Any, ...]:
     """Return finite numbers, `count` of them.
 
     Raises:
         InputError: others.
     """
-    try:
-        numbers = tuple(float(x) for x in content)
-    except (TypeError, ValueError, OverflowError):
-        numbers = ()
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise InputError(f"{what}: {shown(content)}; accepted: {count} number{'s' * (count > 1)}")
-    return numbers
-
-
-def number_of(content: object, low: float, high: float, what: str) -> float:
-    """Return a number from `low` to `high`.
-
-    Raises:
-        InputError: another one, or none.
-    """
-    if isinstance(content, bool) or not isinstance(content, int | float):
-        raise InputError(f"{what}: {shown(content)}; accepted: a number from {low:g} to {high:g}")
-    if not low <= content <= high:
-        raise InputError(f"{what}: {shown(content)}; accepted: {low:g} to {high:g}")
-    return float(content)
+    values = list_of(content, what)
+    if len(values) != count:
+        raise InputError(f"{what}: {shown(content)}; accepted: {count} numbers")
+    return tuple(check_number(what, value, "1", (-_FARTHEST, _FARTHEST)) for value in values)

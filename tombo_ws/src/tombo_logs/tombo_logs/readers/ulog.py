@@ -101,13 +101,11 @@ def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Fligh
             f"vehicle_local_position with vehicle_attitude; of these it has {there}"
         )
     findings += pose_findings(name, source)
-    info = {k: str(v) for k, v in log.msg_info_dict.items() if k in ("sys_name", "ver_hw")}
     flight = Flight.measured(
         name=name,
         source=f"{path} (PX4 log, poses from {source})",
         series={key: s for key, s in series.items() if s.t.size},
         findings=tuple(findings),
-        metadata=info,
         events=_mode_changes(topics.get("vehicle_status", {}), start),
     )
     return replace(flight, topics={**_control_topics(topics, start), **flight.topics})

@@ -20,13 +20,13 @@ from scipy.ndimage import median_filter
 from tombo_bag.flight import Finding
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown, unknown_name
+from tombo_dynamics.params import check_number
 from tombo_dynamics.propeller import RPM, SPEED_LIMIT
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_logs.readers.csv_table import open_table
 from tombo_logs.readers.mapping_file import (
     ChannelMap,
     columns_of,
-    number_of,
     read_mapping,
     shipped_mappings,
     table_of,
@@ -143,8 +143,10 @@ def parse_mapping(text: str, name: str) -> StandMapping:
         about=str(values.get("about", "")),
         header=tuple(map(str, header)),
         model=model,
-        rotors=int(number_of(values.get("rotors", 1), 1, 64, f"{what}: rotors")),
-        diameter_mm=number_of(values.get("diameter_mm", 0.0), 0.0, 1e4, f"{what}: diameter_mm"),
+        rotors=int(check_number(f"{what}: rotors", values.get("rotors", 1), "1", (1, 64))),
+        diameter_mm=check_number(
+            f"{what}: diameter_mm", values.get("diameter_mm", 0.0), "mm", (0.0, 1e4)
+        ),
         tare=tare,
         channels={key: _channel(key, value, what) for key, value in channels.items()},
     )
@@ -158,10 +160,10 @@ def _channel(key: str, content: object, what: str) -> ChannelMap:
     names = "names of columns, one a rotor" if many else "one name of a column"
     columns = columns_of(values.get("columns", ()), what, None if many else 1, names)
     unit = unit_of(values, CHANNELS[key], what)
-    sign = number_of(values.get("sign", 1.0), -1.0, 1.0, f"{what}: sign")
+    sign = check_number(f"{what}: sign", values.get("sign", 1.0), "1", (-1.0, 1.0))
     if abs(sign) != 1.0:
         raise InputError(f"{what}: sign {sign:g}; accepted: 1 or -1")
-    poles = int(number_of(values.get("poles", 2), 2, 200, f"{what}: poles"))
+    poles = int(check_number(f"{what}: poles", values.get("poles", 2), "1", (2, 200)))
     if poles % 2:
         raise InputError(f"{what}: poles {poles}; accepted: an even number of magnets")
     return ChannelMap(columns, unit, scale=sign * 2.0 / poles)

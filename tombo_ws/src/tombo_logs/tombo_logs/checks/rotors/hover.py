@@ -35,21 +35,12 @@ def hover_of(label: str, vehicle: VehicleParams, maps: RotorMaps) -> Hover:
     return Hover(label, vehicle.mass, float(speed))
 
 
-def mass_lifted(drive: Series, flying: Mask, hover: Hover) -> float | None:
-    """Return the mass [kg] that rotors of the model lift at these speeds; None: not known.
-
-    Over a whole flight the mean specific force is that of gravity.
-    """
-    if np.count_nonzero(flying) < _LEAST:
-        return None
-    square = float(np.median(np.mean(drive.values[flying] ** 2, axis=1)))
-    return hover.mass * square / hover.rotor_speed**2
-
-
 def check_vehicle(
     flight: str, drives: dict[str, tuple[Series, Mask]], hover: Hover
 ) -> list[Finding]:
     """Report drives that can't be those of the model's vehicle while another one can.
+
+    Over a whole flight the mean specific force is that of gravity.
 
     Args:
         flight: its name.
@@ -59,33 +50,28 @@ def check_vehicle(
     Raises:
         RefusedLog: none of them can: another vehicle, or another unit.
     """
-    masses = {
-        name: mass
+    speeds = {
+        name: float(np.sqrt(np.median(np.mean(series.values[flying] ** 2, axis=1))))
         for name, (series, flying) in drives.items()
-        if (mass := mass_lifted(series, flying, hover)) is not None
+        if np.count_nonzero(flying) >= _LEAST
     }
     low, high = _MASS_RATIO
-    wrong = {n: m for n, m in masses.items() if not low <= m / hover.mass <= high}
-    if not wrong:
-        return []
-    texts = {name: _text(name, mass, hover) for name, mass in wrong.items()}
-    if len(wrong) == len(masses):
+    texts = {
+        name: f"{name}: with the propellers of the model ({hover.label}) such speeds carry "
+        f"{hover.mass * ratio**2:.2g} kg in flight, not {hover.mass:.2g} kg; it hovers at "
+        f"{hover.rotor_speed:.0f} rad/s, here at {speed:.0f}{guess(ratio, 'turning')}"
+        for name, speed in speeds.items()
+        if not low <= (ratio := speed / hover.rotor_speed) ** 2 <= high
+    }
+    if texts and len(texts) == len(speeds):
+        name, text = next(iter(texts.items()))
         raise RefusedLog(
             flight,
-            next(iter(texts)),
-            f"{next(iter(texts.values()))}; is this another vehicle than the "
+            name,
+            f"{text}; is this another vehicle than the "
             "model's? Accepted: flights of the model's vehicle, or a log that says its airframe",
         )
     return [
         Finding("vehicle", "fault", flight, f"{text}; left out", channel=name)
         for name, text in texts.items()
     ]
-
-
-def _text(name: str, mass: float, hover: Hover) -> str:
-    ratio = float(np.sqrt(mass / hover.mass))
-    return (
-        f"{name}: with the propellers of the model ({hover.label}) such speeds carry "
-        f"{mass:.2g} kg in flight, not {hover.mass:.2g} kg; it hovers at {hover.rotor_speed:.0f} "
-        f"rad/s, here at {ratio * hover.rotor_speed:.0f}{guess(ratio, 'turning')}"
-    )
