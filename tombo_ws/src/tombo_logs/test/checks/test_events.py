@@ -185,9 +185,12 @@ def test_the_model_of_another_vehicle_is_refused():
     assert not findings_by(check_log(foreign, Hover("ours", 1.3, 1200.0)), "vehicle")
 
 
-def test_a_log_cut_before_take_off_does_not_fly():
-    """Motors off: no other vehicle, which "carries 0 kg"."""
+@pytest.mark.parametrize("idle", [0.0, 80.0])
+def test_a_log_cut_before_take_off_does_not_fly(idle):
+    """Motors off or idling: no other vehicle, which "carries 0 kg"."""
     log = part_of(FLIGHT, end=STAND - 0.35)
+    for channel in ("rotor_speed", "rotor_command"):
+        log = with_values(log, channel, lambda s: s + idle)
     with pytest.raises(InputError, match=r"it does not fly.*cut before take-off") as refusal:
         check_log(log, Hover("ours", 1.3, 420.0))
     assert "another vehicle" not in str(refusal.value)

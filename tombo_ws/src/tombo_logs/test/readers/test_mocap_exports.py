@@ -77,11 +77,12 @@ def test_an_export_is_read_without_a_mapping(tmp_path, export):
     [
         (motive(rotation="XYZ").replace("Y,Z,W,X", "Y,Z,,X"), "Rotation Type Quaternion"),
         (motive(names=[*7 * ["drone"], "wand"]), "drone.Position.X"),
+        ("Objects\n100\n,,drone\nFrame,Sub Frame,RX\n1,0,2\n", "Vicon Tracker"),
         ("NO_OF_FRAMES\t1\nFrame\tTime\n1\t0.0\n", "rigid bodies"),
         (qtm(times=False).replace("FREQUENCY\t100", "FREQUENCY\tfast"), "FREQUENCY is 'fast'"),
         (qtm(times=False).replace("FREQUENCY\t100", "FREQUENCY"), "FREQUENCY is ''"),
     ],
-    ids=["Euler angles", "two bodies", "no bodies", "no number", "no frequency"],
+    ids=["Euler angles", "two bodies", "Vicon", "no bodies", "no number", "no frequency"],
 )
 def test_an_export_without_the_poses_of_one_body_is_refused(tmp_path, text, named):
     path = tmp_path / "take.csv"

@@ -16,7 +16,7 @@ from tombo_logs.checks.clocks.clock_rates import common_clock
 from tombo_logs.checks.clocks.gaps import gaps
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
 from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
-from tombo_logs.checks.ground import check_flies, ground, motor_drive
+from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
 from tombo_logs.checks.recording import drop_faulty, recorded
 from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.hover import Hover, check_vehicle
@@ -286,7 +286,8 @@ def _motors(
             for name in ROTOR_SPEEDS
             if name in series
         }
-        findings += drop_faulty(series, check_vehicle(flight, drives, hover))
+        rose = rises(series["position"])
+        findings += drop_faulty(series, check_vehicle(flight, drives, hover, rose))
     return findings
 
 

@@ -22,6 +22,8 @@ from tombo_logs.readers.mapping_file import ChannelMap, TimeColumn
 from tombo_logs.readers.units import factor
 
 _POSE = ("position", "attitude")
+_INERTIAL = ("gyro", "accel", "motor_command")
+"""Without poses these say how a vehicle answers its motors."""
 _IN_WORLD = (
     *("position", "acceleration", "estimated_position", "estimated_velocity"),
     *("position_setpoint", "velocity_setpoint", "acceleration_setpoint"),
@@ -38,10 +40,11 @@ def read_csv(path: Path, name: str, mapping: LogMapping | None = None) -> Flight
     """
     table = open_table(path)
     mapping = mapping or _recognised(table)
-    if "position" not in mapping.channels:
+    if not any(set(kind) <= set(mapping.channels) for kind in (_POSE[:1], _INERTIAL)):
         raise InputError(
             f"mapping '{mapping.name}' has no channel position; needed: position of the motion "
-            "capture, and its attitude for all but --healthy"
+            "capture, and its attitude for all but --healthy; for `tombo vehicle from-flights` "
+            f"{', '.join(_INERTIAL)} will do"
         )
     there = set(table.columns)
     findings = damage_findings(name, path, table.damage)
@@ -86,7 +89,10 @@ def fitting_mappings(table: CsvTable) -> list[LogMapping]:
     return [
         mapping
         for mapping in shipped().values()
-        if all(set(_columns(mapping.channels[key], mapping, there)) <= there for key in _POSE)
+        if all(
+            set(_columns(mapping.channels[key], mapping, there)) <= there
+            for key in (_POSE if "position" in mapping.channels else _INERTIAL)
+        )
     ]
 
 

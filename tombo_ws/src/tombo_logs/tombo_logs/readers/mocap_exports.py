@@ -16,6 +16,7 @@ from tombo_dynamics.errors import InputError
 
 _MOTIVE: Final = b"Format Version,"
 _QTM: Final = b"NO_OF_FRAMES\t"
+_VICON: Final = (b"Objects\r", b"Objects\n")
 """How a file of each begins."""
 _Y_UP: Final = ["x", "-z", "y"]
 _Z_UP: Final = ["x", "y", "z"]
@@ -36,6 +37,8 @@ def as_table(text: bytes) -> tuple[bytes, str] | None:
         return _motive(text)
     if text.startswith(_QTM):
         return _qtm(text)
+    if text.startswith(_VICON):
+        raise InputError(f"a table of Vicon Tracker, which has no column of times; {_ACCEPTED}")
     # lazily: most tables are none of these, and may be large
     first = next((line for line in io.BytesIO(text) if line.strip() and line[:1] != b"#"), b"")
     if _is_tum(first.split()):

@@ -9,12 +9,16 @@ import numpy as np
 from tombo_bag.flight import Finding, RefusedLog, Series
 from tombo_dynamics.rotor_maps import RotorMaps, speed_for_thrust
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
+from tombo_logs.checks.ground import CUT_BEFORE_TAKE_OFF
 from tombo_logs.checks.spans import Mask
 from tombo_logs.checks.unit_mistakes import guess
 
 _MASS_RATIO = (0.6, 1.65)
 """Mass that the rotors' speeds lift over the model's: no error of mass and thrust together that
 the diagnosis knows goes beyond."""
+_STANDING = 0.45
+"""Rotor speed over that of the model's hover below which rotors carry no vehicle, whatever it
+weighs: they idle or stand."""
 _LEAST = 50
 
 
@@ -36,7 +40,7 @@ def hover_of(label: str, vehicle: VehicleParams, maps: RotorMaps) -> Hover:
 
 
 def check_vehicle(
-    flight: str, drives: dict[str, tuple[Series, Mask]], hover: Hover
+    flight: str, drives: dict[str, tuple[Series, Mask]], hover: Hover, rises: bool
 ) -> list[Finding]:
     """Report drives that can't be those of the model's vehicle while another one can.
 
@@ -46,9 +50,10 @@ def check_vehicle(
         flight: its name.
         drives: channel -> rotor speeds [rad/s], and which rows count.
         hover: of the model's vehicle.
+        rises: whether the track leaves the ground (`ground.rises`).
 
     Raises:
-        RefusedLog: none of them can: another vehicle, or another unit.
+        RefusedLog: none of them can: it does not fly, or another vehicle, or another unit.
     """
     speeds = {
         name: float(np.sqrt(np.median(np.mean(series.values[flying] ** 2, axis=1))))
@@ -65,12 +70,13 @@ def check_vehicle(
     }
     if texts and len(texts) == len(speeds):
         name, text = next(iter(texts.items()))
-        raise RefusedLog(
-            flight,
-            name,
-            f"{text}; is this another vehicle than the "
-            "model's? Accepted: flights of the model's vehicle, or a log that says its airframe",
+        why = (
+            "is this another vehicle than the model's? Accepted: flights of the model's vehicle, "
+            "or a log that says its airframe"
         )
+        if not rises and max(speeds.values()) < _STANDING * hover.rotor_speed:
+            why = f"it does not fly: z stays where it is; {CUT_BEFORE_TAKE_OFF}"
+        raise RefusedLog(flight, name, f"{text}; {why}")
     return [
         Finding("vehicle", "fault", flight, f"{text}; left out", channel=name)
         for name, text in texts.items()
