@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 
 from tombo_bag.columnar_cdr import NUMBERS
-from tombo_bag.schemas import known_types, type_store
+from tombo_bag.schemas import known_types
 
 TEXTS = st.text(st.characters(blacklist_characters="\0", blacklist_categories=["Cs"]), max_size=9)
 
@@ -68,21 +68,3 @@ def messages(typename: str) -> st.SearchStrategy[dict[str, Any]]:
         else:
             fields[name] = element(kind, content)
     return st.fixed_dictionaries(fields)
-
-
-def as_object(typename: str, values: dict[str, Any]) -> Any:
-    """Build the message object that `rosbags` serializes."""
-    store = type_store()
-    fields = {}
-    for name, (kind, content) in known_types()[typename][1]:
-        value = values[name]
-        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            inner_kind, inner = content[0]
-            if inner_kind == Nodetype.NAME:
-                value = [as_object(inner, item) for item in value]
-            elif inner[0] != "string":
-                value = np.array(value, NUMBERS[inner[0]])
-        elif kind == Nodetype.NAME:
-            value = as_object(content, value)
-        fields[name] = value
-    return store.types[typename](**fields)

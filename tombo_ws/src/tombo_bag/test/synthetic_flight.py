@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tombo_bag.flight import Flight, Topic
-from tombo_bag.flight_topics import FlownTopics
+from tombo_bag.flight_topics import flown_topics
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 
 COVARIANCES = {"pose_covariance": 36, "twist_covariance": 36}
@@ -74,7 +74,7 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> Flight:
         "/mission/status": Topic.of(t[:1], {n: one[: len(said)] for n, one in phase.items()}),
     }
     return Flight(
-        FlownTopics(t, log, Topic.of(t[frames], poses, arrival), published),
+        flown_topics(t, log, Topic.of(t[frames], poses, arrival), published),
         t=t,
         log=log,
         events=[event for event in EVENTS if event["time_s"] <= ticks * 1e-3],
@@ -89,5 +89,5 @@ def synthetic_flight(ticks: int = 40_000, seed: int = 0) -> Flight:
 def with_log(flight: Flight, log: Mapping[str, np.ndarray]) -> Flight:
     """Return the flight with another log, and the topics that follow from it."""
     published = {name: flight[name] for name in ("/odometry", "/mission/status")}
-    topics = FlownTopics(flight.t, log, flight["/mocap/pose"], published)
+    topics = flown_topics(flight.t, log, flight["/mocap/pose"], published)
     return replace(flight, log=log, topics=topics)

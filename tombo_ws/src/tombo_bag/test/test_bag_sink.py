@@ -144,20 +144,6 @@ def test_flushed_messages_survive_a_crash_and_are_read_without_metadata(tmp_path
     assert not (tmp_path / "bag" / "metadata.yaml").exists()
 
 
-def test_a_topic_found_late_stands_in_the_file_and_in_the_metadata(tmp_path):
-    sink = BagSink(tmp_path / "bag")
-    sink.add_topic("/a", STRING, SENSOR)
-    sink.write("/a", word("1"), START, START)
-    sink.flush()
-    sink.add_topic("/late", STRING, EVENT)
-    sink.add_topic("/late", STRING, STATE)
-    sink.write("/late", word("2"), START + 1, START)
-    sink.close()
-    with Reader(tmp_path / "bag") as reader:
-        assert [(c.topic, t - START) for c, t, _ in reader.messages()] == [("/a", 0), ("/late", 1)]
-        assert {c.topic: c.msgcount for c in reader.connections} == {"/a": 1, "/late": 1}
-
-
 def test_a_single_file(tmp_path):
     path = tmp_path / "flight.mcap"
     notes = {"lost": "0"}

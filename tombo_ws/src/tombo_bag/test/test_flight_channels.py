@@ -1,15 +1,14 @@
 """Channels of a flight: short names for fields of its topics."""
 
-from collections.abc import Mapping
 from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from tombo_bag.channels import CHANNELS
-from tombo_bag.flight import Flight, Series, Topic
+from tombo_bag.flight import Flight, Series
 from tombo_bag.message_codec import FORMS
-from tombo_bag.topics import IMU, TOPICS
+from tombo_bag.topics import TOPICS
 from tombo_dynamics.errors import InputError
 
 T = np.arange(5) * 0.01
@@ -56,18 +55,3 @@ def test_its_length_is_that_of_all_channels_and_speeds_may_be_asked_for():
     flight = Flight.measured("a", "made", {"gyro": channel("gyro"), "rotor_command": late})
     assert flight.duration_s == pytest.approx(1.04) and flight.has_rotor_speeds
     assert Flight({}).duration_s == 0.0 and not Flight({}).has_rotor_speeds
-
-
-def test_topics_without_channels_are_not_made_for_them():
-    class Made(Mapping):
-        def __getitem__(self, name):
-            assert name == IMU.name, f"{name} was made"
-            return Topic({"gyro": channel("gyro")})
-
-        def __iter__(self):
-            return iter(("/tf", IMU.name, "/odometry"))
-
-        def __len__(self):
-            return 3
-
-    assert set(Flight(Made()).series) == {"gyro"}

@@ -2,8 +2,6 @@ import json
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from synthetic_flight import synthetic_flight, with_log
 
@@ -25,7 +23,6 @@ RATES_HZ = {
     "/tf": 50,
     "/battery": 10,
 }
-FRAMES_OF_A_TRANSFORM = ("header.frame_id", "child_frame_id")
 
 
 def xyz(table, path, axes="xyz"):
@@ -62,25 +59,6 @@ def test_streams_have_their_rate_and_their_stamps(bag, topic, rate_hz):
     np.testing.assert_array_equal(stamps + table[f"{prefix}header.stamp.nanosec"], expected)
 
 
-@pytest.mark.slow
-def test_every_message_is_decoded_by_the_libraries(bag):
-    number = sum(topic.count for topic in bag.topics.values())
-    with bag.path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        decoded = [(m.channel.topic, m.decoded_message) for m in reader.iter_decoded_messages()]
-    assert len(decoded) == number
-    with AnyReader([bag.path]) as reader:
-        messages = [
-            (c.topic, reader.deserialize(raw, c.msgtype)) for c, _, raw in reader.messages()
-        ]
-    assert [topic for topic, _ in messages] == [topic for topic, _ in decoded]
-    for (topic, one), (_, other) in zip(messages[::37], decoded[::37], strict=True):
-        if topic == "/imu/data_raw":
-            assert one.linear_acceleration.z == other.linear_acceleration.z
-            assert one.orientation_covariance[0] == -1.0
-            assert one.header.frame_id == other.header.frame_id == "base_link"
-
-
 def test_a_mocap_pose_is_stamped_with_capture_and_logged_at_arrival(bag, flight):
     table = bag.columns("/mocap/pose")
     poses = flight["/mocap/pose"]
@@ -108,6 +86,8 @@ def test_values_arrive_unchanged(bag, flight):
     rates = bag.columns("/rates_setpoint")
     np.testing.assert_array_equal(xyz(rates, "rates"), log["rates_setpoint"][::4])
     np.testing.assert_array_equal(rates["thrust"], log["thrust_setpoint"][::4, 0])
+    current = bag.columns("/battery")["current"]
+    np.testing.assert_array_equal(current, -log["battery"][::100, 1].astype(np.float32))
     tf = bag.columns("/tf")
     np.testing.assert_array_equal(
         xyz(tf, "transforms[1].transform.translation"), log["est_position"][::20]
@@ -170,14 +150,3 @@ def test_a_flight_that_was_broken_off_is_written_as_far_as_it_went(ticks, tmp_pa
     assert bag.topics["/markers"].count == 1
     with AnyReader([bag.path]) as reader:
         assert len(list(reader.messages())) == sum(t.count for t in bag.topics.values())
-
-
-@pytest.mark.slow
-def test_the_same_flight_gives_the_same_bytes_from_views_of_one_table_too(flight, tmp_path):
-    """The simulator logs a row per tick; its columns are not contiguous."""
-    table = np.concatenate(list(flight.log.values()), axis=1)
-    edges = np.cumsum([0] + [column.shape[1] for column in flight.log.values()])
-    log = {name: table[:, a:b] for name, a, b in zip(flight.log, edges, edges[1:], strict=False)}
-    write(tmp_path / "a.mcap", flight)
-    write(tmp_path / "b.mcap", with_log(flight, log))
-    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()

@@ -1,7 +1,4 @@
-import signal
 import struct
-import subprocess
-import sys
 from collections import Counter
 from io import BytesIO
 
@@ -83,20 +80,6 @@ def test_library_reads_all_in_order_with_checksums(mixed):
     assert x == list(range(3500))
 
 
-def test_rosbags_reads_all_in_order(mixed):
-    path, number = mixed
-    with AnyReader([path]) as reader:
-        seen = [
-            (time, connection.topic, reader.deserialize(raw, connection.msgtype))
-            for connection, time, raw in reader.messages()
-        ]
-        assert reader.message_count == number
-        assert reader.topics["/silent"].msgcount == 0
-    assert [time for time, _, _ in seen] == sorted(time for time, _, _ in seen)
-    words = [message.data for _, topic, message in seen if topic == "/word"]
-    assert words == ["two"] + [f"word {i}" for i in range(40)]
-
-
 def test_quality_of_service_and_type_hash_stand_in_the_channels(mixed):
     path, _ = mixed
     with Rosbag2Reader(path) as reader:
@@ -107,20 +90,6 @@ def test_quality_of_service_and_type_hash_stand_in_the_channels(mixed):
     assert profiles["/pose"].history.name == "KEEP_LAST"
     channels = summary_of(path).channels.values()
     assert all(c.metadata["topic_type_hash"].startswith("RIHS01_") for c in channels)
-
-
-def test_own_reader_gives_the_columns_back(mixed):
-    path, _ = mixed
-    bag = Bag(path, check=True)
-    assert bag.damage == []
-    recording = Recording(path)
-    x = recording.columns("/pose")["pose.position.x"]
-    np.testing.assert_array_equal(x, np.arange(3500))
-    slow = recording.columns("/slow")
-    assert (np.diff(slow["log_time_ns"]) >= 0).all()
-    np.testing.assert_array_equal(slow["publish_time_ns"], slow["log_time_ns"] + 5)
-    assert sorted(slow["pose.position.x"]) == [1e6 + i for i in range(35)]
-    assert bag.metadata == {"about": {"what": "a test"}}
 
 
 def test_statistics_and_summary_say_what_is_there(mixed):
@@ -206,17 +175,6 @@ def test_a_clock_that_jumps_back_still_closes_chunks(tmp_path):
     assert summary.statistics.message_count == 6000
 
 
-def test_close_can_be_called_twice_and_ends_writing(tmp_path):
-    sink = McapSink(tmp_path / "a.mcap")
-    channel = sink.add_channel("/word", STRING)
-    sink.close()
-    size = sink.path.stat().st_size
-    sink.close()
-    assert sink.path.stat().st_size == size
-    with pytest.raises(ValueError, match="closed"):
-        sink.write_columns(Columns(channel, np.array([0]), [text("late")]))
-
-
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 def test_an_exception_leaves_a_finished_file(tmp_path, error):
     path = tmp_path / "a.mcap"
@@ -225,57 +183,6 @@ def test_an_exception_leaves_a_finished_file(tmp_path, error):
         sink.write_columns(Columns(channel, np.array([0]), [text("before")]))
         raise error
     assert summary_of(path).statistics.message_count == 1
-
-
-def test_a_full_disk_loses_no_whole_chunk(tmp_path):
-    """The write that fails half-way is taken back, and the file is finished when there is room."""
-    path = tmp_path / "a.mcap"
-    sink = McapSink(path)
-    channel = sink.add_channel("/pose", POSE)
-    sink.write_columns(Columns(channel, np.arange(100) * MS, poses(100)))
-    file = sink._file
-
-    class Full:
-        def write(self, data):
-            file.write(bytes(data[:50]))
-            raise OSError(28, "No space left on device")
-
-        def __getattr__(self, name):
-            return getattr(file, name)
-
-    sink._file = Full()
-    with pytest.raises(OSError, match="No space"):
-        sink.write_columns(Columns(channel, np.arange(100) * MS + SECOND_NS, poses(100)))
-    sink._file = file
-    sink.close()
-    assert Bag(path, check=True).damage == []
-    assert Bag(path).topics["/pose"].count == 100
-
-
-KILLED = """
-import os, signal, sys
-import numpy as np
-from tombo_bag.columnar_cdr import encode
-from tombo_bag.formats.mcap_sink import Columns, McapSink
-sink = McapSink(sys.argv[1])
-channel = sink.add_channel("/word", "std_msgs/msg/String")
-for i in range(0, 12_000, 500):
-    words = [encode("std_msgs/msg/String", {"data": str(k)}) for k in range(i, i + 500)]
-    sink.write_columns(Columns(channel, np.arange(i, i + 500) * 1_000_000, words))
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-@pytest.mark.slow
-def test_a_killed_process_leaves_all_that_it_handed_over(tmp_path):
-    path = tmp_path / "killed.mcap"
-    done = subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
-    assert done.returncode == -signal.SIGKILL
-    bag = Bag(path)
-    words = Recording(bag.path).columns("/word")["data"]
-    assert list(words) == [str(i) for i in range(12_000)]
-    (damage,) = bag.damage
-    assert "the writer was not closed" in damage
 
 
 def test_bad_input_is_named(tmp_path):

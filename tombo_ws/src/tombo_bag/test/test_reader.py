@@ -103,15 +103,6 @@ def test_the_part_of_a_chunk_that_is_there_is_read(tmp_path):
     assert f"inside chunk at byte {chunk.chunk_start_offset}" in damage
 
 
-def test_a_file_without_its_summary_has_all_messages(tmp_path):
-    content, _ = write_sample(tmp_path / "whole.mcap")
-    path = tmp_path / "cut.mcap"
-    path.write_bytes(content[:-20])
-    bag = Bag(path)
-    assert bag.topics["/pose"].count == LAST_MS
-    assert "all messages are there" in bag.damage[0]
-
-
 @pytest.mark.slow
 @EXAMPLES
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))

@@ -124,20 +124,6 @@ def test_an_mcap_file_compressed_as_a_whole(tmp_path):
     check_whole(packed.parent)
 
 
-def test_an_mcap_file_of_messages_compressed_one_by_one(tmp_path):
-    path = tmp_path / "run.mcap"
-    pack_messages(path)
-    check_whole(path)
-
-
-def pack_messages(file: Path) -> None:
-    """Write a file with each message compressed, as rosbag2's message mode does."""
-    with McapSink(file) as sink:
-        channel = sink.add_channel("/mocap/pose", TYPE)
-        packed = [zstandard.compress(message) for message in messages()]
-        sink.write_columns(Columns(channel, np.array(TIMES), packed))
-
-
 def test_a_lone_sqlite_file(tmp_path):
     folder = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3, UNPACKED)
     (file,) = folder.glob("*.db3")

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
 from tombo_bag.schemas import Types, known_types, type_store
-from tombo_dynamics.errors import InputError, shown, unknown_name
+from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
@@ -206,8 +206,6 @@ def _field(descriptor: tuple[int, Any], value: Any, path: str) -> Any:
     element, size = content
     fixed = kind == Nodetype.ARRAY
     items = (None,) * size * fixed if value is None else value
-    if isinstance(items, (str, Mapping)) or not hasattr(items, "__len__"):
-        raise InputError(f"{path} is {shown(value)}; accepted: a sequence")
     if fixed and len(items) != size:
         raise InputError(f"{path} has {len(items)} elements; accepted: {size}")
     if element[0] == Nodetype.BASE and element[1][0] != "string":

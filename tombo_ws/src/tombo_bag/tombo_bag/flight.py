@@ -21,7 +21,6 @@ from tombo_dynamics.errors import InputError, unknown_name
 
 _NAMES = {(channel.topic, channel.field): name for name, channel in CHANNELS.items()}
 """Topic and field → name of the channel."""
-_TOPICS = {channel.topic for channel in CHANNELS.values()}
 
 
 @dataclass(frozen=True)
@@ -180,11 +179,10 @@ class Flight:
     @property
     def series(self) -> dict[str, Series]:
         """The channels that it has, by their names in `CHANNELS`, in the order of its topics."""
-        known = [topic for topic in self.topics if topic in _TOPICS]  # others are not made for it
         return {
             _NAMES[topic, name]: series
-            for topic in known
-            for name, series in self.topics[topic].items()
+            for topic, fields in self.topics.items()
+            for name, series in fields.items()
             if (topic, name) in _NAMES
         }
 

@@ -9,7 +9,7 @@ capture: its capture); the log time is the time at which it was known (its arriv
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -42,49 +42,6 @@ from tombo_dynamics.time_base import EPOCH_NS, TICK_HZ
 
 Log = Mapping[str, Array]
 """Columns (N, k) of `tombo_sim.kernel` by name."""
-
-
-class FlownTopics(Mapping[str, Topic]):
-    """The topics of a simulated flight; those derived from the log are made on demand."""
-
-    def __init__(
-        self, t: Array, log: Log, poses: Topic, published: Mapping[str, Topic] | None = None
-    ) -> None:
-        """Take what was flown.
-
-        Args:
-            t: (N,) ticks [s].
-            log: its columns.
-            poses: of the motion capture.
-            published: messages of the cores.
-        """
-        self._t, self._log = t, log
-        self._made: dict[str, Topic] = {
-            MOCAP_POSE.name: poses,
-            IMU.name: Topic.of(t, {"gyro": log["gyro"], "accel": log["accel"]}),
-            ROTOR_COMMAND.name: Topic.of(t, {"speed": log["rotor_command"]}),
-            **(published or {}),
-        }
-        self._names = (*self._made, *_FROM_LOG)
-
-    def __getitem__(self, name: str) -> Topic:
-        """Return a topic."""
-        if name not in self._made:
-            ticks, columns = _FROM_LOG[name](self._log)
-            self._made[name] = Topic.of(self._t[ticks], columns)
-        return self._made[name]
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over the names."""
-        return iter(self._names)
-
-    def __contains__(self, name: object) -> bool:
-        """Return whether there is such a topic, without making it."""
-        return name in self._names
-
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return len(self._names)
 
 
 Ticks = slice | NDArray[np.intp]
@@ -175,6 +132,29 @@ _FROM_LOG: Mapping[str, Callable[[Log], tuple[Ticks, dict[str, Any]]]] = {
     TRUE_CONTACT.name: _true_contact,
 }
 """Topic → ticks and fields of its messages, of the log."""
+
+
+def flown_topics(
+    t: Array, log: Log, poses: Topic, published: Mapping[str, Topic] | None = None
+) -> dict[str, Topic]:
+    """Return the topics of a simulated flight: what was measured and published, then the rest.
+
+    Args:
+        t: (N,) ticks [s].
+        log: its columns.
+        poses: of the motion capture.
+        published: messages of the cores.
+    """
+    topics = {
+        MOCAP_POSE.name: poses,
+        IMU.name: Topic.of(t, {"gyro": log["gyro"], "accel": log["accel"]}),
+        ROTOR_COMMAND.name: Topic.of(t, {"speed": log["rotor_command"]}),
+        **(published or {}),
+    }
+    for name, messages_of in _FROM_LOG.items():
+        ticks, columns = messages_of(log)
+        topics[name] = Topic.of(t[ticks], columns)
+    return topics
 
 
 def write_flight(sink: McapSink, flight: Flight) -> None:

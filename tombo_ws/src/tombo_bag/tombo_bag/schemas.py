@@ -26,7 +26,6 @@ Types: TypeAlias = "dict[str, tuple[list[Any], list[tuple[str, Any]]]]"
 """Type name → (constants, fields), each field a name with its descriptor, as `rosbags` has it."""
 
 OWN_PACKAGE = "tombo_msgs"
-SEPARATOR = "=" * 80
 
 
 def message_directory() -> Path:
@@ -95,7 +94,8 @@ def load_installed_type(typename: str) -> None:
             part = "" if name == typename else f" in {typename}"
             raise unknown_name(f"message type{part}", name, known_types())
         added.update(parse_schema(name, text))
-        queue += _direct(added[name][1])
+        used = (named_type(descriptor) for _, descriptor in added[name][1])
+        queue += [name for name in used if name is not None]
     if added:
         type_store().register(added)
 
@@ -117,36 +117,7 @@ def schema_text(typename: str) -> str:
         InputError: the type is not known.
     """
     load_installed_type(typename)
-    types = known_types()
-    parts = [_definition(typename)]
-    for name in _dependencies(typename, types):
-        package, _, short = name.split("/")
-        parts.append(f"{SEPARATOR}\nMSG: {package}/{short}\n{_definition(name)}")
-    return "".join(parts)
-
-
-def _definition(typename: str) -> str:
-    text = own_definitions().get(typename)
-    if text is not None:
-        return text.rstrip("\n") + "\n"
-    return type_store().gendefhash(typename, {}, ros_version=2)[0]
-
-
-def _dependencies(typename: str, types: Types) -> list[str]:
-    """List the types used by a type, directly or not, in order of first use."""
-    names: dict[str, None] = {}
-    queue = [typename]
-    while queue:
-        for used in _direct(types[queue.pop(0)][1]):
-            if used not in names:
-                names[used] = None
-                queue.append(used)
-    return list(names)
-
-
-def _direct(fields: list[tuple[str, Any]]) -> list[str]:
-    names = (named_type(descriptor) for _, descriptor in fields)
-    return [name for name in names if name is not None]
+    return type_store().generate_msgdef(typename, ros_version=2)[0]
 
 
 def named_type(descriptor: Any) -> str | None:

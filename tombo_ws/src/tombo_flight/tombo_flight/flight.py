@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from tombo_bag.flight import Flight, Series, Topic
-from tombo_bag.flight_topics import FlownTopics
+from tombo_bag.flight_topics import flown_topics
 from tombo_bag.topics import COLLISION_EVENT, CONTACT_EVENT, MISSION_STATUS, REACTION_STATUS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import Core, Output, no_texts
@@ -296,7 +296,7 @@ class _Running:
             flight = replace(flight, topics=_topics(said, _OF_FIGURES))
         else:
             topics = _topics(said, dict.fromkeys((*_FIRST, *said)))
-            flown = FlownTopics(t, kept, _poses(self.flights), topics)
+            flown = flown_topics(t, kept, _poses(self.flights), topics)
             flight = replace(flight, topics=flown, scenario=as_flown(scenario, seed, self._setup))
         return with_figures(flight, scenario, seed, wall, _phases(said))
 

@@ -119,11 +119,7 @@ def message_records(
     heads["sequence"] = np.arange(len(heads)) + first_sequence
     if isinstance(messages, np.ndarray):
         # numpy copies only the named fields of a structured array; as plain bytes, it copies all
-        plain = np.ascontiguousarray(messages.view(f"V{messages.dtype.itemsize}")[order])
-        heads["length"] = HEAD.itemsize - PREFIX_SIZE + plain.dtype.itemsize
-        parts = [part.view(np.uint8).reshape(len(heads), part.itemsize) for part in (heads, plain)]
-        block = np.hstack(parts)
-        return heads, block.view(f"V{block.shape[1]}").ravel().tolist()
+        messages = np.ascontiguousarray(messages.view(f"V{messages.dtype.itemsize}")).tolist()
     in_order = [messages[i] for i in order.tolist()]
     sizes = np.fromiter(map(len, in_order), np.uint64, len(in_order))
     heads["length"] = np.uint64(HEAD.itemsize - PREFIX_SIZE) + sizes

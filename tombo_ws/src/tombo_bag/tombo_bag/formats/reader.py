@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _ROS1 = "ros1"
 """Encoding of messages that a ROS 1 bag, converted to MCAP, has."""
-MAPPED_FROM = 1 << 30
+_MAPPED_FROM = 1 << 30
 """Files above this size [bytes] are mapped; below, read: a mapped file must not be rewritten."""
 
 
@@ -151,7 +151,7 @@ def _contents(path: Path) -> memoryview:
     """
     try:
         with path.open("rb") as file:
-            large = path.stat().st_size > MAPPED_FROM
+            large = path.stat().st_size > _MAPPED_FROM
             data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if large else file.read()
     except OSError as error:
         raise InputError(f"can't read '{path}': {error.strerror}") from error
