@@ -34,11 +34,6 @@ def test_early_counts_as_zero_and_very_late_as_the_last_bin() -> None:
     assert histogram.largest_us == 3e6
 
 
-def test_without_a_run_there_are_zeros() -> None:
-    metrics = LoopStatistics().metrics()
-    assert set(metrics.values()) == {0.0}
-
-
 @pytest.mark.slow
 @given(st.integers(2, 400), st.integers(100_000, 50_000_000))
 def test_the_rate_is_that_of_the_runs(runs: int, period_ns: int) -> None:

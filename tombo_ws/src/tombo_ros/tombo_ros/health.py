@@ -85,11 +85,6 @@ class Health:
                 del self._seen_ns[key]
                 self.fault(key, False)
 
-    def active(self, key: str) -> bool:
-        """Return whether a fault is active."""
-        known = self._faults.get(key)
-        return known is not None and known.active
-
     def value(self, key: str, value: Any) -> None:
         """Set a figure of the report."""
         self._values[key] = value

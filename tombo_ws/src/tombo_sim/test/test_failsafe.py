@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from lockstep_bench import Lockstep, calm, hover_at
-from tombo_control.estimator_core import reset_estimator
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 from tombo_sim.failsafe import Failsafe
@@ -52,12 +51,6 @@ class _Flight:
         self.lockstep.steer = lambda t: hover_at(t - begin, 0.0, 2.0, (1.0, 0.0, 0.0))
         self.fly(3.0)
         assert abs(self.body[3] - 1.0) < 0.1
-
-    def topple(self) -> None:
-        """Tilt by 20 deg, still turning."""
-        speed = self.simulator.plant.rotor_speed.mean()
-        while self.lockstep.tilt < np.deg2rad(20.0):
-            self.command(speed * np.array([0.94, 1.06, 1.06, 0.94]))
 
     def land(self, seconds: float = 12.0) -> _Landing:
         self.failsafe.engage(self.simulator.tick)
@@ -133,15 +126,6 @@ def test_failsafe_brakes_from_1_m_s_without_a_kick_and_lands(flight: _Flight) ->
     assert np.rad2deg(landing.tilt) < 17.0
 
 
-def test_failsafe_levels_a_tilt_of_20_degrees_and_lands(flight: _Flight) -> None:
-    flight.topple()
-    landing = flight.land()
-    assert np.rad2deg(landing.tilt) < 40.0
-    assert np.rad2deg(tilt(landing.body[1500:, 6:10]).max()) < 8.0
-    assert landing.touch_speed < _UNHURT
-    assert landing.rotors_off_s < landing.time_s + 0.2
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3])  # 3: strong rotors, it floats on the ground's cushion
 def test_failsafe_without_mocap_lands_level_and_stops_the_rotors(seed: int) -> None:
@@ -152,33 +136,6 @@ def test_failsafe_without_mocap_lands_level_and_stops_the_rotors(seed: int) -> N
     assert np.rad2deg(landing.tilt) < 8.0
     assert landing.rotors_off_s < 10.0
     assert landing.body[-1, 2] < _GROUND + 0.005
-
-
-def test_mocap_that_comes_back_is_landed_on(flight: _Flight) -> None:
-    flight.mocap_on = False
-    flight.failsafe.engage(flight.simulator.tick)
-    for _ in range(1200):
-        flight.command(flight.failsafe.command)
-    flight.mocap_on = True
-    landing = flight.land()
-    assert landing.touch_speed < _UNHURT
-    assert landing.rotors_off_s < landing.time_s + 0.2
-
-
-@pytest.mark.slow
-def test_handed_back_in_the_air_the_flight_goes_on(flight: _Flight) -> None:
-    flight.failsafe.engage(flight.simulator.tick)
-    for _ in range(1000):
-        flight.command(flight.failsafe.command)
-    assert flight.body[2] < 1.9
-    flight.failsafe.release()
-    reset_estimator(flight.lockstep.observer.memory)  # it saw nothing meanwhile
-    flight.fly(4.0)
-    assert np.linalg.norm(flight.body[:3] - [0.0, 0.0, 2.0]) < 0.15
-    assert not flight.failsafe.engaged
-    again = flight.land()
-    assert 3.5 < again.time_s < 6.0
-    assert again.rotors_off_s < again.time_s + 0.2
 
 
 def test_failsafe_on_the_ground_commands_nothing() -> None:

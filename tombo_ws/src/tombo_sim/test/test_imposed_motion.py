@@ -86,20 +86,6 @@ def test_rotor_speeds_and_voltage_are_the_simulators(flight):
     assert model["current"][:, 0] == pytest.approx(flight["battery"][SETTLED:, 1], rel=0.01)
 
 
-def test_accelerations_integrate_to_rates_and_velocity(flight):
-    """Over spans of 20 ms, in which the slope is taken to be straight from tick to tick."""
-    model = along(flight, EFFECTS)
-    span = 20
-    rows = np.arange(SETTLED, len(flight["position"]) - span)
-    for column, name in (("angular_acceleration", "rates"), ("acceleration", "velocity")):
-        slope = model[column]
-        steps = 0.5 * (slope[1:] + slope[:-1]) * TICK
-        sums = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
-        gained = flight[name][rows + span] - flight[name][rows]
-        assert gained.std() > 0.01
-        assert sums[rows + span] - sums[rows] == pytest.approx(gained, abs=0.1 * gained.std())
-
-
 @pytest.mark.parametrize("missing", [e for e in EFFECTS if e != "thrust_scatter"])
 def test_a_model_without_an_effect_says_something_else(flight, missing):
     """Each of these effects is in what is predicted."""
@@ -126,19 +112,6 @@ def test_measured_rotor_speeds_replace_those_of_the_drives(flight):
 
     assert off(told) < 1e-9 and off(slow) > 0.01
     assert np.abs(told["rotor_speed"] - true[SETTLED:]).max() > 5.0
-
-
-def test_the_floor_does_not_push_on_a_motion_that_noise_carries_into_it(flight):
-    low = motion_of(flight)
-    low[:, 2] = 0.05
-    outs = []
-    for height in (0.05, 0.02):
-        low[:, 2] = height
-        out = np.zeros(low.shape[0], ImposedTick.layout)
-        run_along_motion(vehicle_of(SEED), maps(), pack_theta({}), QUIET, TICK, low,
-                         commands_of(flight), np.zeros((0, 8)), out)  # fmt: skip
-        outs.append(out)
-    assert np.array_equal(*outs)
 
 
 CAPTURE = {
@@ -188,15 +161,3 @@ def test_the_air_alone_is_wind_and_gusts():
     lag = 100  # 0.4 s
     gust = out[:, 1] - out[:, 1].mean()
     assert (gust[lag:] @ gust[:-lag]) / (gust @ gust) == pytest.approx(np.exp(-1.0), abs=0.1)
-
-
-def test_a_lever_arm_feels_the_angular_acceleration_that_was_measured(flight):
-    motion = motion_of(flight)
-    motion[:, 10:13] = 0.0
-    motion[:, 13:16] = [0.0, 4.0, 0.0]
-    out = np.zeros(motion.shape[0], ImposedTick.layout)
-    theta = pack_theta({"imu_lever_arm": {"z": 0.05}})
-    run_along_motion(vehicle_of(SEED), maps(), theta, QUIET, TICK, motion, commands_of(flight),
-                 np.zeros((0, 8)), out)  # fmt: skip
-    error = out["accel_error"]
-    assert np.allclose(error, [0.2, 0.0, 0.0])

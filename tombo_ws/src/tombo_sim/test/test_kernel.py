@@ -76,12 +76,6 @@ def test_state_after_a_tick_is_in_its_log_row():
     assert (np.diff(f["battery"][:, 0]) > 0.0).all()  # charge is used up
 
 
-def test_the_vehicle_goes_where_it_is_told():
-    f = fly_kernel(seconds=8.0)
-    assert f["position"][-1] == pytest.approx([0.5, 0.1, 1.4], abs=0.02)
-    assert f["est_position"][-1] == pytest.approx(f["position"][-1], abs=2e-3)
-
-
 def test_the_force_of_a_contact_is_in_the_log_while_it_lasts():
     effects = {
         name: NOISY[name] for name in ("blade_strike", "contact_force", "linear_rotor_drag")

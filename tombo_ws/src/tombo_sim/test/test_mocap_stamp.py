@@ -50,10 +50,3 @@ def test_a_stamp_little_ahead_of_the_clock_waits_for_its_time():
     aided, blind = stamped(0.004, **noise), fly_kernel(noise | NONE_ARRIVES, seconds=2.0)
     errors = [np.abs(x["est_position"] - x["position"]).max() for x in (aided, blind)]
     assert errors[0] < 0.05 < errors[1]
-
-
-@pytest.mark.parametrize("offset, bound", [(-0.1, 0.1), (-0.001, 0.005)])
-def test_a_stamp_from_before_the_flight_does_no_harm(offset, bound):
-    f = stamped(offset)
-    assert f.mocap["stamp"][0] == pytest.approx(1e3 * offset)
-    assert np.abs(f["est_position"] - f["position"]).max() < bound
