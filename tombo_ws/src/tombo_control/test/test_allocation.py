@@ -70,12 +70,6 @@ def test_roll_and_pitch_go_before_collective_and_collective_before_yaw(thrust, r
         assert saturated[2] == math.copysign(1.0, yaw)
 
 
-def test_says_in_which_direction_there_is_no_more():
-    _, saturated = rotor_thrusts(12.0, -4.0, 3.0, 0.0)
-    assert saturated[0] == -1.0
-    assert saturated[1] == 1.0
-
-
 @given(st.tuples(*[st.one_of(anything, not_numbers)] * 4))
 def test_a_demand_that_is_no_number_gives_no_thrust_outside_the_limits(demand):
     thrusts, _ = rotor_thrusts(*demand)

@@ -63,24 +63,6 @@ def test_converges_while_the_sign_of_the_quaternion_flips(setpoint, start):
     assert angle_between(setpoint, q) < 2e-3
 
 
-@given(attitudes, attitudes)
-def test_sign_of_either_quaternion_does_not_matter(setpoint, attitude):
-    rates = rates_for(setpoint, attitude)
-    _, _, z, w = relative_rotation(setpoint, attitude)
-    if min(w, math.hypot(w, z)) > 1e-3:  # at half a turn either way round is as good
-        assert np.allclose(rates_for(-setpoint, attitude), rates, atol=1e-9)
-        assert np.allclose(rates_for(setpoint, -attitude), rates, atol=1e-9)
-
-
-@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (1, -1, 0), (0.6, 0.8, 0.0)])
-def test_rights_itself_from_upside_down(axis):
-    q = quaternion(axis, math.pi)
-    assert np.linalg.norm(rates_for(UPRIGHT, q)) == pytest.approx(LIMITS.rate_max, rel=1e-6)
-    for _ in range(1000):
-        q = turned(q, rates_for(UPRIGHT, q))
-    assert angle_between(UPRIGHT, q) < 1e-3
-
-
 @pytest.mark.slow
 @given(st.floats(-math.pi + 0.01, math.pi - 0.01), st.floats(0.05, 3.0), st.floats(-3.1, 3.1))
 def test_a_yaw_error_never_bends_the_way_to_level(yaw, tilt, direction):

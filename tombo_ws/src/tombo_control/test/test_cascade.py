@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from control_bench import FOREVER, bench, fresh_autopilot, quaternion, rotor_table
+from control_bench import bench, fresh_autopilot, quaternion, rotor_table
 
 from tombo_control.loops.cascade import cascade
 from tombo_control.loops.position_control import BLIND_SPEED
@@ -13,34 +13,6 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
 
 C = ControlParams()
-
-
-def swing(control, seconds=20.0):
-    """Displace by 0.2 m, fly with a controller; the energy of the swing (n,) per mass [J/kg]."""
-    b = bench()
-    b.plant.state.position[0] = 0.2
-    body = b.fly_ticks(seconds, control)
-    k = C.velocity_p * C.position_p
-    return 0.5 * (body[:, 3] ** 2 + k * body[:, 0] ** 2)
-
-
-def cascade_on(a, tick):
-    a.mocap_time = FOREVER
-    cascade(a, rotor_table(), tick)
-
-
-def position_alone(a, tick):
-    """P on position with the same stiffness; the velocity is not looked at."""
-    a.state.velocity[:] = 0.0
-    a.loops.velocity_integral[:] = 0.0
-    cascade_on(a, tick)
-
-
-@pytest.mark.slow
-def test_p_alone_on_a_double_integrator_cannot_damp_and_the_cascade_can():
-    alone, whole = swing(position_alone), swing(cascade_on)
-    assert alone[-4000:].max() > alone[:4000].max()
-    assert whole[-4000:].max() < 1e-3 * whole[:4000].max()
 
 
 @pytest.mark.parametrize("mode", [Phase.IDLE, Phase.LANDED])

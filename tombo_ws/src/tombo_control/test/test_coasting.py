@@ -110,33 +110,3 @@ def test_an_estimate_ahead_of_the_gyro_is_carried_back(
     assert np.allclose(a.state.position, truth.position(_BEFORE), atol=1e-12)
     propagate(a.state, a.history, _BEFORE + ahead, ahead)
     assert _angle(a.state.attitude, truth.attitude(_BEFORE + ahead)) < 1e-7
-
-
-@given(_rates, _late)
-def test_the_sign_of_the_quaternion_does_not_matter(rates: Array, late: int) -> None:
-    truth = _Truth(rates, np.zeros(3))
-    a = _coasting(truth, np.array([0.0, 0.1, 0.0]))
-    b = a.copy()
-    truth.correct(a, _BEFORE - late, _BEFORE)
-    truth.correct(b, _BEFORE - late, _BEFORE, sign=-1.0)
-    assert _angle(a.state.attitude, b.state.attitude) < 1e-7
-
-
-def test_an_estimate_older_than_the_history_is_taken_as_it_is() -> None:
-    truth = _Truth(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
-    a = _coasting(truth, np.zeros(3), ticks=700)
-    truth.correct(a, 100, 700)
-    assert _angle(a.state.attitude, truth.attitude(100)) < 1e-7
-    assert np.allclose(a.state.position, truth.position(700))
-    propagate(a.state, a.history, 704, 4)
-    truth.correct(a, 701, 704)
-    assert _angle(a.state.attitude, truth.attitude(704)) < 1e-6
-
-
-@pytest.mark.parametrize("half_turn", [[0.0, 0.0, np.pi], [np.pi, 0.0, 0.0]])
-def test_an_attitude_off_by_half_a_turn_is_put_right(half_turn: list[float]) -> None:
-    truth = _Truth(np.zeros(3), np.zeros(3))
-    a = _coasting(truth, np.array(half_turn))
-    truth.correct(a, _BEFORE - 3, _BEFORE)
-    assert _angle(a.state.attitude, truth.attitude(0)) < 1e-7
-    assert np.isfinite(a.state.attitude).all()

@@ -1,7 +1,6 @@
 """A mission along waypoints: read and checked, flown to each, turning and holding, then landed."""
 
 import math
-from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -9,15 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mission_bench import HOME, Follower, World
 
-from tombo_control.autopilot import new_autopilot
-from tombo_control.loops.position_control import follow_leg
-from tombo_control.params import ControlParams, EstimatorParams
-from tombo_control.planning.course import Waypoint, leg_to, read_course, resolved_waypoints
-from tombo_control.planning.leg import leg_position, leg_yaw, motion_end, store_leg, turning_leg
-from tombo_control.planning.mission import MissionParams, advance_mission, compiled_plan, resume
+from tombo_control.planning.course import read_course, resolved_waypoint, waypoint_table
+from tombo_control.planning.leg import leg_position, motion_end
+from tombo_control.planning.mission import MissionParams, advance_mission, compiled_plan
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase, ReactionPhase
-from tombo_dynamics.vehicle import VehicleParams
 
 HOVERING = (0.1, -0.2, 1.2)
 LEGS = [
@@ -31,6 +26,11 @@ LEGS = [
 def plan_of(course, **more):
     settings = {"height": 1.2, "approach_time": 5.0, "land_time": 1000.0, "takeoff_time": 0.5}
     return MissionParams(**{**settings, **more}, course=read_course("course", course))
+
+
+def resolved_waypoints(course, hover, speed):
+    table = waypoint_table(course)
+    return [resolved_waypoint(table, row, hover, speed) for row in range(len(table))]
 
 
 @pytest.mark.slow
@@ -76,34 +76,6 @@ def test_a_late_look_begins_the_next_leg_then_and_nothing_jumps():
     assert leg_position(state.leg, late) == pytest.approx(here)
 
 
-def test_lands_in_the_middle_of_a_course_when_it_is_time():
-    flight = Follower(plan_of(LEGS, land_time=7.0)).run()
-    down = flight.column(1) == Phase.LAND
-    assert flight.column(0)[down][0] == pytest.approx(7.0, abs=0.04)
-    assert flight.column(4).max() < len(LEGS)
-
-
-def test_goes_on_to_the_same_waypoint_from_where_it_is():
-    plan = plan_of([{"y": 0.0}, {"x": 2.0, "y": -0.2, "yaw": 1.0, "speed": 1.5}, {"x": -2.0}])
-    flight = Follower(plan).run(6.5)
-    assert flight.state.steps == 2
-    pushed = np.array([0.5, 1.0, 1.5])
-    state = resume(flight.state, compiled_plan(plan), 6.5, pushed)
-    assert leg_position(state.leg, 6.5) == pytest.approx(pushed)
-    assert leg_yaw(state.leg, 6.5) == pytest.approx(leg_yaw(flight.state.leg, 6.5))
-    assert leg_position(state.leg, 60.0) == pytest.approx((2.0, -0.2, 1.2))
-    assert leg_yaw(state.leg, 60.0) == pytest.approx(1.0)
-    assert state.steps == flight.state.steps
-
-
-@pytest.mark.parametrize("course", [LEGS[:1], None])
-def test_a_course_cut_short_in_flight_is_no_harm(course):
-    flight = Follower(plan_of(LEGS, land_time=40.0)).run(11.0)
-    assert flight.state.steps > 1
-    flight.plan = plan_of(course, land_time=40.0)
-    assert flight.run().state.mode == Phase.LANDED
-
-
 waypoints = st.fixed_dictionaries(
     {},
     optional={
@@ -137,39 +109,6 @@ def test_any_course_is_finite_smooth_and_ends_on_the_floor(course):
     assert np.abs(np.diff(yaw) / 0.02).max(initial=0.0) <= turned + 1e-6
     change = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / 0.02
     assert change.max(initial=0.0) <= 3.0 * hardest + 1e-6  # braking, the next leg, seen late
-
-
-angles = st.floats(-20.0, 20.0)
-
-
-@given(angles, angles, st.floats(0.05, 5.0), st.floats(0.0, 100.0))
-def test_a_turn_reaches_its_heading_the_short_way_within_its_rate(a, b, rate, now):
-    point = (0.0, 1.0, 2.0)
-    leg = turning_leg(point, point, (a, b), now, speed=1.0, acceleration=1.0, yaw_rate=rate)
-    times = np.linspace(now, motion_end(leg), 400)
-    yaw = np.array([leg_yaw(leg, t) for t in times])
-    assert yaw[0] == pytest.approx(a, abs=1e-8)
-    assert leg_yaw(leg, motion_end(leg) + 1.0) == pytest.approx(b, abs=1e-8)
-    steps = np.diff(yaw) * math.copysign(1.0, b - a)
-    assert (steps >= -1e-9).all()
-    dt = times[1] - times[0]
-    assert (steps <= rate * dt + 1e-9).all()
-    assert np.abs(np.diff(steps)).max() <= rate / 0.3 * dt * dt * 1.01 + 1e-9
-    assert leg_position(leg, now + 5.0) == point
-
-
-@pytest.mark.parametrize("now", [0.0, 0.4, 1.7, 3.0, 90.0])
-def test_the_autopilot_s_memory_says_the_same_as_the_leg(now):
-    target = resolved_waypoints(
-        read_course("c", [{"x": 1.0, "yaw": 2.0, "speed": 0.5}]), HOVERING, 1.0
-    )[0]
-    leg = leg_to(target, HOVERING, -1.0, 0.3)
-    level = np.array([0.0, 0.0, 0.0, 1.0])
-    a = new_autopilot(ControlParams(), EstimatorParams(), VehicleParams(), HOME, level)
-    store_leg(a.leg, leg)
-    follow_leg(a.leg, a.setpoint, now)
-    assert a.setpoint.position == pytest.approx(leg_position(leg, now))
-    assert a.setpoint.yaw == pytest.approx(leg_yaw(leg, now))
 
 
 def test_a_course_that_was_held_up_goes_on_where_it_stopped():
@@ -218,13 +157,3 @@ def test_a_bad_course_is_refused_by_name(given_course, words):
     with pytest.raises(InputError, match=words) as caught:
         read_course("c", given_course)
     assert "\n" not in str(caught.value)
-
-
-def test_none_is_no_course_and_what_was_read_is_taken_again():
-    assert read_course("c", None) is None
-    assert read_course("c", "") is None
-    course = read_course("c", [{"x": 1, "speed": 2.0, "hold": None}])
-    assert course == (Waypoint(x=1.0, speed=2.0),)
-    assert read_course("c", course) == course
-    assert read_course("c", [asdict(w) for w in course]) == course
-    assert replace(MissionParams(), course=course) != MissionParams()

@@ -11,8 +11,6 @@ from mission_bench import HOME, MS, PLAN, START, World
 
 from tombo_collision.reactions.bounce import Bounce
 from tombo_control.planning.course import read_course
-from tombo_control.planning.leg import leg_position, leg_yaw
-from tombo_control.planning.mission import advance_mission, begin, compiled_plan
 from tombo_control.planning.mission_memory import MissionLimits, WaitReason
 from tombo_dynamics.messages import Phase, ReactionPhase, is_finite
 from tombo_dynamics.vehicle import VehicleParams
@@ -38,25 +36,6 @@ def test_flies_the_plan_in_the_plan_s_own_time():
     assert when[Phase.APPROACH] == pytest.approx(PLAN.approach_time, abs=0.021)
     assert when[Phase.LAND] == pytest.approx(PLAN.land_time, abs=0.021)
     assert world.course.time_s == pytest.approx(when[Phase.LANDED], abs=0.021)
-
-
-@pytest.mark.parametrize("plan", [PLAN, replace(PLAN, course=COURSE)])
-def test_is_the_plan_of_the_headless_flight(plan):
-    """Step by step the same mode and reference, for the same estimates."""
-    world = World(plan=plan)
-    state = begin(HOME)
-    for _ in range(1300):
-        here, velocity = world.place.copy(), world.velocity.copy()
-        world.run(0.02)
-        now = world.course.time_s
-        if state.mode == Phase.IDLE:
-            state = begin(here)
-        state = advance_mission(state, compiled_plan(plan), now, here, velocity)
-        setpoint = world.setpoints[-1]
-        assert setpoint.phase == state.mode
-        assert setpoint.position == pytest.approx(leg_position(state.leg, now), abs=1e-9)
-        assert setpoint.yaw == pytest.approx(leg_yaw(state.leg, now), abs=1e-9)
-    assert state.mode == Phase.LANDED
 
 
 def test_set_points_carry_the_reference_s_own_velocity_and_acceleration():
@@ -86,14 +65,6 @@ def test_no_setpoint_before_the_first_estimate_which_starts_the_clock():
     assert world.course.mode == Phase.IDLE
     world.run(0.2)
     assert world.course.mode == Phase.TAKEOFF
-
-
-def test_home_is_where_it_stands_when_it_takes_off():
-    world = World()
-    world.run(0.5)
-    world.place = HOME + np.array([0.3, 0.2, 0.0])
-    world.until(Phase.HOVER)
-    assert world.setpoints[-1].position == pytest.approx([0.4, 0.0, PLAN.height])
 
 
 @pytest.mark.parametrize("plan", [PLAN, replace(PLAN, takeoff_time=0.0)])
@@ -195,24 +166,6 @@ def test_it_waits_at_the_vehicle_while_the_reaction_holds(state, why, mode):
     assert world.course.time_s == pytest.approx(PLAN.land_time, abs=0.03), "it is not put off"
 
 
-def test_does_not_take_off_while_the_reaction_holds():
-    world = World()
-    world.run(0.1)
-    world.reaction(ReactionPhase.HOLDING)
-    world.run(5.0)
-    assert world.modes == [Phase.IDLE]
-    world.reaction(ReactionPhase.IDLE)
-    world.run(0.1)
-    assert world.modes == [Phase.IDLE, Phase.TAKEOFF]
-    assert world.largest_step() < 0.02
-
-
-def test_a_reaction_that_has_sent_nothing_is_not_waited_for():
-    world = World()
-    world.answers = False
-    world.until(Phase.HOVER)
-
-
 @pytest.mark.parametrize(
     ("mode", "why"),
     [
@@ -244,32 +197,12 @@ def test_without_one_source_of_estimates_reference_and_clock_stand_still(mode, w
     assert world.largest_step(begin) < 0.1
 
 
-def test_after_drift_without_estimates_it_resumes_from_the_vehicle():
-    world = World().until(Phase.APPROACH).run(1.0)
-    world.odometry = False
-    world.run(1.0)
-    world.place = world.place + np.array([0.0, 1.0, -0.5])
-    world.odometry = True
-    world.follows = False
-    world.run(0.02)
-    assert math.dist(world.setpoints[-1].position, world.place) < 0.01
-    assert world.course.mode == Phase.APPROACH
-
-
 def test_a_vehicle_left_behind_is_not_left_behind_for_ever():
     world = World().until(Phase.APPROACH)
     world.follows = False
     world.run(6.0)
     assert math.dist(world.setpoints[-1].position, world.place) < LIMITS.lag_max + 0.02
     assert max(math.dist(s.position, world.place) for s in world.setpoints[-300:]) > 0.3
-
-
-def test_hovering_off_the_spot_is_no_lag():
-    world = World().until(Phase.HOVER)
-    world.follows = False
-    world.place = world.place + np.array([0.8, 0.0, 0.0])
-    world.run(1.0)
-    assert world.setpoints[-1].position == pytest.approx([*HOME[:2], PLAN.height])
 
 
 def test_begun_in_flight_it_holds_and_lands():
@@ -296,15 +229,6 @@ def test_begun_in_flight_after_a_collision_it_goes_to_x_r(before):
     world.until(Phase.LANDED)
 
 
-def test_a_collision_of_the_flight_before_is_not_fled_from():
-    """Latched, but followed by: idle again."""
-    world = World(np.array([1.3, 0.4, 1.7]))
-    world.reaction(ReactionPhase.REACTING, X_R, 1, age_s=3.0)
-    world.reaction(ReactionPhase.IDLE)
-    world.run(0.5)
-    assert world.modes == [Phase.HOLD]
-
-
 def test_found_on_the_ground_the_flight_is_over():
     for mode in (Phase.HOVER, Phase.APPROACH, Phase.HOLD):
         world = World().until(Phase.APPROACH if mode == Phase.HOLD else mode)
@@ -326,27 +250,6 @@ def test_a_vehicle_that_does_not_lift_off_is_given_up():
     world.run(8.9)  # PX4 takes its time
     assert world.course.mode == Phase.TAKEOFF
     world.until(Phase.LANDED, 0.3)
-
-
-def test_held_on_the_ground_it_is_not_given_up():
-    world = World().until(Phase.TAKEOFF)
-    world.reaction(ReactionPhase.HOLDING)
-    world.run(10.0)
-    assert world.course.mode == Phase.TAKEOFF
-    world.reaction(ReactionPhase.IDLE)
-    world.until(Phase.HOVER, 8.0)
-
-
-def test_passing_low_is_not_standing():
-    world = World().until(Phase.APPROACH)
-    world.reaction(ReactionPhase.REACTING, X_R, 1)
-    world.run(0.1)
-    world.follows = False
-    for _ in range(60):
-        world.place = np.array([1.0, 0.0, 0.25])
-        world.run(0.02)
-        world.velocity = np.array([0.0, 0.0, 0.3])
-    assert world.course.mode == Phase.REACT
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -431,21 +334,6 @@ def test_told_to_land_on_the_ground_it_does_not_take_off():
     assert world.course.command("abort") == ""
     world.run(5.0)
     assert world.course.mode == Phase.IDLE
-
-
-def test_a_plan_with_steps_goes_on_with_the_step_it_was_on():
-    plan = replace(PLAN, step_size=1.0, step_period=4.0)
-    world = World(plan=plan).until(Phase.APPROACH).run(2.0)
-    corner = world.setpoints[-1].position
-    world.reaction(ReactionPhase.HOLDING)
-    world.follows = False
-    world.place = world.place - np.array([0.5, 0.0, 0.0])
-    world.run(0.5)
-    world.follows = True
-    world.reaction(ReactionPhase.IDLE)
-    world.run(1.4)
-    assert world.setpoints[-1].position == pytest.approx(corner, abs=0.05)
-    assert world.course.mode == Phase.APPROACH
 
 
 changes = st.lists(

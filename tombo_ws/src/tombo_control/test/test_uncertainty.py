@@ -57,24 +57,6 @@ def test_it_comes_to_the_solution_of_the_lyapunov_equation(memory):
     assert memory.turn == pytest.approx(steady(TURN), rel=1e-6)
 
 
-def test_the_noise_is_that_of_the_poses(memory):
-    """Innovations of an observer without model errors, simulated: s is their true variance."""
-    rng = np.random.default_rng(7)
-    errors, gain = np.zeros((3, 3)), np.array(PLACE)[:, None]  # state x axis
-    ahead = np.array([[1.0, STEP, 0.5 * STEP**2], [0.0, 1.0, STEP], [0.0, 0.0, 1.0]])
-    seen = []
-    for number in range(6000):
-        errors = ahead @ errors
-        off = 0.002 * rng.normal(size=3) - errors[0]
-        take_innovation(memory, PLACE, TURN, STEP, True, float(np.mean(off**2)), 0.0)
-        errors = errors + gain * off
-        if number > 100:
-            seen.append([memory.place_noise, *np.mean(errors**2, axis=1)])
-    noise, *variances = np.mean(seen, axis=0)
-    assert math.sqrt(noise) == pytest.approx(0.002, rel=0.03)
-    assert noise * np.diag(memory.place) == pytest.approx(variances, rel=0.1)
-
-
 def test_nothing_is_known_before_the_first_innovation_and_less_without_poses(memory):
     assert not covariances(memory).any()
     for _ in range(100):

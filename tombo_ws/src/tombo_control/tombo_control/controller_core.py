@@ -557,16 +557,14 @@ class ControllerCore(Core):
 
     def set_params(self, section: str, params: Any) -> None:
         """Take other gains or limits in flight."""
-        if section == "control":
-            fill_record(self.autopilot.gains, params)
-        elif section == "recovery":
-            fill_record(self.autopilot.recovery.gains, params)
-        elif section == "contact":
-            fill_record(self.memory.contact.params, params)
-        elif section == "safety":
-            fill_record(self.memory.watch.params, params)
-        elif section == "volume":
+        if section == "volume":
             check_volume(params)
-            fill_record(self.memory.watch.volume, params)
-        elif section == "inputs":
-            self.limits = parameter_record(params)
+        records = {
+            "control": self.autopilot.gains,
+            "recovery": self.autopilot.recovery.gains,
+            "contact": self.memory.contact.params,
+            "safety": self.memory.watch.params,
+            "volume": self.memory.watch.volume,
+            "inputs": self.limits,
+        }
+        fill_record(records[section], params)

@@ -12,15 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tombo_control.planning.commanded_course import (
-    CourseProgress,
-    begin_course,
-    course_here,
-    course_of,
-    plan_with,
-    progress,
-)
-from tombo_control.planning.leg import leg_position, leg_yaw, motion_end, stored_leg
+from tombo_control.planning.goal import fly_to, plan_with
+from tombo_control.planning.leg import leg_position, leg_reference, motion_end, stored_leg
 from tombo_control.planning.mission import (
     MissionParams,
     MissionState,
@@ -31,7 +24,6 @@ from tombo_control.planning.mission import (
     initial_state_in_flight,
     land,
     resume,
-    set_landed,
     start_reaction,
     wait,
 )
@@ -45,7 +37,6 @@ from tombo_control.planning.mission_memory import (
     mission_state,
     store_state,
 )
-from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_control.safety.params import SafetyParams
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, Compiled, Core, Output
@@ -65,7 +56,7 @@ from tombo_dynamics.messages import (
 from tombo_dynamics.records import parameter_record
 from tombo_dynamics.rotation import rotated
 from tombo_dynamics.time_base import TICK_NS
-from tombo_dynamics.vectors import ZERO, all_finite, norm, scale, subtract, vector
+from tombo_dynamics.vectors import ZERO, all_finite, norm, subtract, vector
 
 _PERIOD_TICKS = 20
 _AIRBORNE_HEIGHT = 0.3
@@ -263,21 +254,22 @@ def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: i
     if state.mode == Phase.IDLE:
         state = begin(position)
     if _is_on_ground(memory, state, now):
-        store_state(memory, set_landed(state, now, position))
+        store_state(memory, wait(state, Phase.LANDED.value, now, position))
         return
     waiting = memory.wait_reason == WaitReason.OPERATOR or (
         _is_planned(state.mode) and memory.wait_reason != WaitReason.NONE
     )
-    error = _tracking_error(state, now, position)
+    error = norm(subtract(leg_position(state.leg, now), position))
+    moves = state.leg.velocity != ZERO and now < state.leg.end_s
     if state.mode != Phase.IDLE and _is_planned(state.mode):
         if waiting:
             follows = error > _DRIFT and memory.wait_reason != WaitReason.COMPANY
             if waited == WaitReason.NONE or follows:
-                state = wait(state, now, position)
+                state = wait(state, state.mode, now, position)
         elif (
             waited >= WaitReason.REACTION_HOLDS
             or (waited != WaitReason.NONE and error > _DRIFT)
-            or (_reference_moves(state, now) and error > limits.lag_max)
+            or (moves and error > limits.lag_max)
         ):
             state = resume(state, plan, now, position)
     late = state.mode != Phase.IDLE and now >= plan.params.land_time
@@ -285,17 +277,6 @@ def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: i
     if (ready and not waiting) or late:
         state = advance_mission(state, plan, now, position, memory.velocity)
     store_state(memory, state)
-
-
-@compiled(inline=False)
-def _tracking_error(state: MissionState, now: float, position: Array) -> float:
-    """Return how far the vehicle is from the reference [m]."""
-    return norm(subtract(leg_position(state.leg, now), position))
-
-
-@compiled(inline=False)
-def _reference_moves(state: MissionState, now: float) -> bool:
-    return state.leg.velocity != ZERO and now < state.leg.end_s
 
 
 @compiled(inline=False)
@@ -333,19 +314,14 @@ def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> boo
 @compiled(inline=False)
 def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
     """Write the reference at the present flight time; `still`: held where it is."""
-    leg, now = stored_leg(memory.leg), memory.time_ns * 1e-9
-    _, speed, change = trapezoidal_profile(now - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
-    along, feed = leg.velocity, change
-    if leg.ramp_s == 0.0:
-        along, feed = leg.acceleration, speed
-    if still:
-        speed = 0.0
-        feed = 0.0
     out = memory.setpoint
-    out.position = leg_position(leg, now)
-    out.velocity = scale(speed, leg.velocity)
-    out.acceleration = scale(feed, along)
-    out.yaw = leg_yaw(leg, now)
+    position, velocity, acceleration, yaw = leg_reference(
+        stored_leg(memory.leg), memory.time_ns * 1e-9
+    )
+    out.position = position
+    out.velocity = ZERO if still else velocity
+    out.acceleration = ZERO if still else acceleration
+    out.yaw = yaw
     out.phase = memory.mode
     out.takeoff_commands = memory.takeoff_commands
     out.stamp_ns = now_ns
@@ -485,9 +461,7 @@ class MissionCore(Core):
         self.vehicle_status: Any = None
         """The newest `/px4/status`; None: no flight controller tells."""
         self._course: tuple[Array, float] | None = None
-        """Waypoints of a commanded course, and the flight time [s] at which it began."""
-        self.courses = 0
-        """How many were commanded."""
+        """The waypoint of a commanded goal, and the flight time [s] at which it came."""
         self.limits = parameter_record(limits)
         self.memory = MissionMemory.new()
         self.memory.published_mode = -1
@@ -502,7 +476,7 @@ class MissionCore(Core):
             self.see_other(self.inputs.index(topic) - len(type(self).inputs), message.position)
         elif isinstance(message, Pose):
             try:
-                self.fly_course("goal_pose", [message])
+                self.fly_to_goal(message)
             except InputError as error:
                 self.health.refuse("goal_refused", str(error))
         elif self.take(topic, message, now_ns) is False:
@@ -524,47 +498,19 @@ class MissionCore(Core):
         if np.isfinite(position).all():
             self.memory.others[number] = position
 
-    def fly_course(
-        self, name: str, poses: Sequence[Pose], speed: float = 0.0, hold: float = 0.0
-    ) -> None:
-        """Fly to places instead of the rest of the plan, and hold at the last.
+    def fly_to_goal(self, goal: Pose) -> None:
+        """Fly to a place and heading in map instead of the rest of the plan, and hold there.
 
-        It ends with another command, a reaction, or the landing.
-
-        Args:
-            name: of the command in an error.
-            poses: places and headings, see `course_of`.
-            speed: on the way [m/s]; 0: the plan's.
-            hold: at each place but the last [s].
+        It ends with another goal, a reaction, or the landing.
 
         Raises:
             InputError: not in this phase, or a place that can't be flown to.
         """
-        state, now_s = mission_state(self.memory), self.time_s
-        first = begin_course(state, now_s)
-        speed = speed or self._params.approach_speed
-        self._begin(first, course_of(name, poses, state, now_s, speed, hold))
-
-    def hold_course(self) -> None:
-        """End a commanded course where its reference is, and hold there."""
-        if self._course is not None:
-            state, now_s = mission_state(self.memory), self.time_s
-            position = course_here(state, now_s, self._params.approach_speed)
-            self._begin(begin_course(state, now_s), position)
-
-    def _begin(self, state: MissionState, course: Array) -> None:
-        self._course = course, self.time_s
-        self.courses += 1
+        now_s, speed = self.time_s, self._params.approach_speed
+        begin_state, course = fly_to(goal, mission_state(self.memory), now_s, speed)
+        self._course = course, now_s
         self.plan = plan_with(self._params, *self._course)
-        store_state(self.memory, state)
-
-    @property
-    def course_progress(self) -> CourseProgress | None:
-        """How far a commanded course is; None without one."""
-        if self._course is None:
-            return None
-        memory = self.memory
-        return progress(mission_state(memory), self._course[0], self.time_s, memory.position)
+        store_state(self.memory, begin_state)
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on with the plan; return its set point, and its status when that has changed."""

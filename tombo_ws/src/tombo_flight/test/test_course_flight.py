@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from tombo_control.planning.course import leg_to, resolved_waypoints
+from tombo_control.planning.course import leg_to, resolved_waypoint, waypoint_table
 from tombo_control.planning.leg import motion_end
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
@@ -49,9 +49,9 @@ def yaw_of(record):
 def ends(scenario, begun):
     """(time, target) at the end of each hold, for a course begun at a time."""
     here, yaw, now = (0.0, 0.0, scenario.mission.height), 0.0, begun
-    for target in resolved_waypoints(
-        scenario.mission.course, here, scenario.mission.approach_speed
-    ):
+    hover, table = here, waypoint_table(scenario.mission.course)
+    for row in range(len(table)):
+        target = resolved_waypoint(table, row, hover, scenario.mission.approach_speed)
         leg = leg_to(target, here, yaw, now)
         now = motion_end(leg) + leg.hold_s
         here, yaw = target[:3], target.yaw

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tombo_control.params import ControlParams
-from tombo_control.planning.course import leg_to_begin
-from tombo_control.planning.leg import motion_end
+from tombo_control.planning.course import YAW_RATE
+from tombo_control.planning.leg import ACCELERATION, motion_end, turning_leg
 from tombo_control.planning.mission import MissionParams, compiled_plan
 from tombo_control.planning.timed_course import piece_reference, read_timed_course, sampled_course
 from tombo_control.safety.flight_volume import outside_volume
@@ -28,7 +28,8 @@ def timed_course_end(mission: MissionParams, begin_s: float) -> float:
     pieces = compiled_plan(mission).waypoints
     first = piece_reference(pieces, 0, 0.0)
     hover = (0.0, 0.0, mission.height)
-    way = leg_to_begin(first, hover, 0.0, mission.approach_speed, begin_s)
+    yaws, speed = (0.0, first.yaw), mission.approach_speed
+    way = turning_leg(hover, first.position, yaws, begin_s, speed, ACCELERATION, YAW_RATE)
     return float(motion_end(way) + pieces[-1, 1])
 
 

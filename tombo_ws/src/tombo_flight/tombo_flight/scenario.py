@@ -20,7 +20,7 @@ from tombo_collision.reactions.bounce import Bounce
 from tombo_collision.reactions.none import NoReaction
 from tombo_collision.reactions.policy import Policy
 from tombo_control.params import ControlParams, EstimatorParams
-from tombo_control.planning.course import leg_to, resolved_waypoints
+from tombo_control.planning.course import leg_to, resolved_waypoint, waypoint_table
 from tombo_control.planning.leg import Point, motion_end, straight_leg
 from tombo_control.planning.mission import MissionParams
 from tombo_control.recovery.params import ContactParams, RecoveryParams
@@ -453,7 +453,9 @@ def check_course(mission: MissionParams, control: ControlParams, volume: FlightV
     course = mission.course
     if isinstance(course, str):
         end_s, course = timed_course_end(mission, end_s), ()
-    for i, target in enumerate(resolved_waypoints(course, hover, mission.approach_speed)):
+    table = waypoint_table(course)
+    for i in range(len(table)):
+        target = resolved_waypoint(table, i, hover, mission.approach_speed)
         leg = leg_to(target, here, yaw, end_s)
         vx, vy, vz = leg.velocity
         _check_speed(i, "across", math.hypot(vx, vy), "velocity_max_xy", control.velocity_max_xy)

@@ -10,13 +10,9 @@ from tombo_control.loops.inner_loops import (
     inertia_torque,
     rate_control,
 )
-from tombo_control.loops.position_control import (
-    begin_descent,
-    descend,
-    follow_leg,
-    position_control,
-)
+from tombo_control.loops.position_control import begin_descent, descend, position_control
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
+from tombo_control.planning.leg import leg_reference, stored_leg
 from tombo_control.recovery.folded_rotors import allocate_folded, available_thrust
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
@@ -103,7 +99,14 @@ def cascade(autopilot: Autopilot, maps: RotorMaps, tick: int) -> None:
         blind = time - autopilot.mocap_time > autopilot.gains.blind_timeout
         autopilot.mode_flown = Phase.DESCEND_BLIND if blind else mode
         if not blind:
-            follow_leg(autopilot.leg, autopilot.setpoint, time)
+            setpoint = autopilot.setpoint
+            position_now, velocity, acceleration, yaw = leg_reference(
+                stored_leg(autopilot.leg), time
+            )
+            setpoint.position = position_now
+            setpoint.velocity = velocity
+            setpoint.acceleration = acceleration
+            setpoint.yaw = yaw
     run_control_loops(autopilot, maps, position, tick % ATTITUDE_TICKS == 0, blind)
 
 

@@ -6,8 +6,6 @@ import math
 
 from tombo_control.autopilot import EstimatedState, LoopMemory, Setpoint
 from tombo_control.params import POSITION_TICKS, ControlParams
-from tombo_control.planning.leg import LegRecord
-from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.rotation import normalize_quaternion, rotated
@@ -28,22 +26,6 @@ _BEGIN_RUNS = round(1.0 / _PERIOD)
 """One that has not had its speed by then is, too."""
 _CUT_RATE, _CUT_BACK, _CUT_MAX = 4.0, 2.0, 0.9 * GRAVITY
 """m/s^3, m/s^3, m/s^2: how fast the thrust is taken away there, and given back, and how much."""
-
-
-@compiled
-def follow_leg(leg: LegRecord, setpoint: Setpoint, time: float) -> None:
-    """Write the reference of `leg` at `time` [s] into `setpoint`.
-
-    Position, yaw, and the feed-forward of velocity and acceleration.
-    """
-    since = time - leg.begin_s
-    way, speed, change = trapezoidal_profile(since, leg.end_s - leg.begin_s, leg.ramp_s)
-    for i in range(3):
-        setpoint.position[i] = leg.start[i] + leg.velocity[i] * way
-        setpoint.velocity[i] = leg.velocity[i] * speed
-        setpoint.acceleration[i] = leg.velocity[i] * change
-    turned, _, _ = trapezoidal_profile(since, leg.turn_s, leg.turn_ramp_s)
-    setpoint.yaw = leg.yaw + leg.yaw_rate * turned
 
 
 @compiled

@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from tombo_control.planning.leg import ACCELERATION, Leg, Point, turning_leg
-from tombo_control.planning.timed_course import CourseReference, timed_course_text
+from tombo_control.planning.timed_course import timed_course_text
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError, shown, unknown_name
+from tombo_dynamics.errors import InputError, shown
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.params import check_number, param
+from tombo_dynamics.params import from_mapping, param
 
 MOST_WAYPOINTS = 500
-_YAW_RATE = 1.0
+YAW_RATE = 1.0
 """rad/s: of a course that asks for nothing else, two thirds of the controller's own limit."""
 
 
@@ -84,35 +84,12 @@ def read_course(name: str, given: object) -> Course | str | None:
 
 
 def _waypoint(name: str, given: object) -> Waypoint:
-    fields = {f.name: f.metadata for f in dataclasses.fields(Waypoint)}
     if isinstance(given, Waypoint):
         given = dataclasses.asdict(given)
     if not isinstance(given, Mapping):
-        raise InputError(f"{name}: {shown(given)} is no mapping; accepted: {', '.join(fields)}")
-    for key in given:
-        if key not in fields:
-            raise unknown_name(f"key in {name}", key, fields)
-    return Waypoint(
-        **{
-            key: check_number(f"{name}.{key}", value, fields[key]["unit"], fields[key]["bounds"])
-            for key, value in given.items()
-            if value is not None
-        }
-    )
-
-
-def resolved_waypoints(
-    course: Sequence[Waypoint], hover: Point, speed: float
-) -> list[ResolvedWaypoint]:
-    """Return the waypoints with all fields filled in.
-
-    Args:
-        course: the waypoints.
-        hover: where the vehicle is before the first one, heading east.
-        speed: of a course that says nothing about it [m/s].
-    """
-    table = waypoint_table(course)
-    return [resolved_waypoint(table, i, hover, speed) for i in range(len(course))]
+        raise InputError(f"{name}: {shown(given)} is no mapping of a waypoint's parameters")
+    known = {key: value for key, value in given.items() if value is not None}
+    return from_mapping(Waypoint, known, name)
 
 
 def waypoint_table(course: Sequence[Waypoint] | None) -> Array:
@@ -123,25 +100,22 @@ def waypoint_table(course: Sequence[Waypoint] | None) -> Array:
 
 @compiled(inline=False)
 def resolved_waypoint(table: Array, row: int, hover: Point, speed: float) -> ResolvedWaypoint:
-    """Return a waypoint of a `waypoint_table`, filled in as by `resolved_waypoints`."""
+    """Return a waypoint of a `waypoint_table` with all fields filled in.
+
+    Args:
+        table: of the course.
+        row: of the waypoint.
+        hover: where the vehicle is before the first one, heading east.
+        speed: of a course that does not mention it [m/s].
+    """
     x, y, z = hover
-    values = np.array([x, y, z, 0.0, speed, ACCELERATION, _YAW_RATE, 0.0])
+    values = np.array([x, y, z, 0.0, speed, ACCELERATION, YAW_RATE, 0.0])
     for i in range(row + 1):
         for k in range(8):
             if not math.isnan(table[i, k]):
                 values[k] = table[i, k]
     return ResolvedWaypoint(
         values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7]
-    )
-
-
-@compiled(inline=False)
-def leg_to_begin(
-    reference: CourseReference, start: Point, yaw: float, speed: float, now_s: float
-) -> Leg:
-    """Return the leg from `start`, heading `yaw`, to a place of a timed course."""
-    return turning_leg(
-        start, reference.position, (yaw, reference.yaw), now_s, speed, ACCELERATION, _YAW_RATE, 0.0
     )
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
+from tombo_dynamics.vectors import scale
 
 Point = tuple[float, float, float]
 
@@ -103,6 +104,18 @@ def leg_yaw(leg: Leg, time_s: float) -> float:
     """Return the reference yaw [rad] at `time_s` [s]."""
     way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.turn_s, leg.turn_ramp_s)
     return leg.yaw + leg.yaw_rate * way
+
+
+@compiled(inline=False)
+def leg_reference(leg: Leg, time_s: float) -> tuple[Point, Point, Point, float]:
+    """Return position, the feed-forward of velocity and acceleration, and yaw at `time_s` [s]."""
+    since = time_s - leg.begin_s
+    _, speed, change = trapezoidal_profile(since, leg.end_s - leg.begin_s, leg.ramp_s)
+    acceleration = scale(change, leg.velocity)
+    if leg.ramp_s == 0.0:
+        acceleration = scale(speed, leg.acceleration)
+    velocity = scale(speed, leg.velocity)
+    return leg_position(leg, time_s), velocity, acceleration, leg_yaw(leg, time_s)
 
 
 @compiled(inline=False)

@@ -10,15 +10,16 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from tombo_control.planning.course import (
+    YAW_RATE,
     ResolvedWaypoint,
     Waypoint,
     leg_to,
-    leg_to_begin,
     read_course,
     resolved_waypoint,
     waypoint_table,
 )
 from tombo_control.planning.leg import (
+    ACCELERATION,
     Leg,
     Point,
     hold_leg,
@@ -26,6 +27,7 @@ from tombo_control.planning.leg import (
     leg_yaw,
     motion_end,
     straight_leg,
+    turning_leg,
 )
 from tombo_control.planning.timed_course import (
     PIECE_COLUMNS,
@@ -157,17 +159,10 @@ def initial_state_in_flight(position: Array, ground: float) -> MissionState:
 
 
 @compiled(inline=False)
-def wait(state: MissionState, now_s: float, position: Array) -> MissionState:
-    """Stay at `position` (3) in the plan's present phase."""
+def wait(state: MissionState, mode: int, now_s: float, position: Array) -> MissionState:
+    """Stay at `position` (3) in a phase: the plan's present one, or landed."""
     leg = hold_leg(_point(position), now_s, leg_yaw(state.leg, now_s))
-    return _with(state, state.mode, leg, state.steps)
-
-
-@compiled(inline=False)
-def set_landed(state: MissionState, now_s: float, position: Array) -> MissionState:
-    """End the flight at `position` (3): the vehicle stands on the ground."""
-    waiting = wait(state, now_s, position)
-    return _with(waiting, Phase.LANDED.value, waiting.leg, waiting.steps)
+    return _with(state, mode, leg, state.steps)
 
 
 @compiled(inline=False)
@@ -288,7 +283,9 @@ def _to_piece(
     begin_s = plan.waypoints[row, 0]
     reference = piece_reference(plan.waypoints, row, begin_s)
     yaw = leg_yaw(state.leg, now_s)
-    leg = leg_to_begin(reference, start, yaw, plan.params.approach_speed, now_s)
+    yaws = yaw, reference.yaw
+    speed = plan.params.approach_speed
+    leg = turning_leg(start, reference.position, yaws, now_s, speed, ACCELERATION, YAW_RATE)
     return MissionState(
         Phase.APPROACH.value,
         leg,
