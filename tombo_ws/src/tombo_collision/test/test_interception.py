@@ -223,12 +223,6 @@ def test_the_same_event_again_is_not_a_second_collision():
     assert bench.status.collisions == 1
 
 
-def test_a_direction_that_is_nearly_a_unit_vector_is_made_one():
-    bench = Bench()
-    assert bench.hit(collision(direction=(0.0, 0.0, 1.05))) == EventRefusal.NONE
-    assert bench.tick().position == pytest.approx([1.7, 0.1, 1.2])
-
-
 def test_started_in_flight_a_fresh_event_waits_for_the_mission():
     fresh = Bench()
     fresh.restart()
@@ -347,15 +341,6 @@ def test_a_mission_that_dies_while_landing_leaves_it_hovering():
     assert place == pytest.approx(bench.place) and phase == HOLD
 
 
-def test_a_collision_while_it_holds_is_answered():
-    bench = Bench()
-    bench.mission = bench.detector = False
-    bench.run(1.0)
-    assert bench.hit() == EventRefusal.NONE
-    assert bench.tick().position == pytest.approx(X_R)
-    assert bench.state == REACTING
-
-
 anything = st.sampled_from([math.nan, math.inf, -math.inf])
 
 
@@ -369,15 +354,6 @@ def test_a_set_point_that_is_no_number_is_refused_and_counts_as_silence(name, va
     published = bench.run(0.6)
     assert all(finite(s) for s in published)
     assert (bench.state, bench.core.why) == (HOLDING, HoldReason.MISSION_SILENT)
-
-
-def test_a_phase_or_an_estimate_that_is_none_is_refused():
-    bench = Bench()
-    assert not any(bench.tell(at(HERE, phase)) for phase in (-1, 8, 200))
-    assert not bench.estimate(np.array([0.0, math.nan, 0.0]))
-    bench.odometry = bench.mission = False
-    bench.run(0.5)
-    assert bench.published[-1][1].position == pytest.approx(HERE)
 
 
 def test_a_clock_set_back_begins_again_and_nobody_seems_alive():

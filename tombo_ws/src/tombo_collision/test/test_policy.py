@@ -11,7 +11,7 @@ import pytest
 from tombo_collision.decision import Estimate
 from tombo_collision.network import answer, network_text, read_network
 from tombo_collision.reactions.policy import Policy
-from tombo_collision.steering import ACCELERATION, ACTIONS, HIGH, LOW, REACH
+from tombo_collision.steering import ACCELERATION, ACTIONS, HIGH, REACH
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
 from tombo_dynamics.messages import CollisionEvent, Trigger
@@ -83,12 +83,6 @@ def test_it_sees_the_same_whichever_way_the_world_is_turned():
     assert seen[15:].tolist() == [1.0, 2.0, 3.0, 0.5, 0.0, 0.0, 1.0, 0.0]
 
 
-def test_what_it_sees_stays_within_bounds():
-    far = Estimate(X_C + 1e3, np.full(3, -1e3), TURN, np.full(3, 1e3))
-    seen = decided().observation(1e3, far)
-    assert (seen >= LOW.astype(np.float32)).all() and (seen <= HIGH.astype(np.float32)).all()
-
-
 def test_a_file_gives_the_network_that_was_written(tmp_path):
     rng = np.random.default_rng(0)
     layers = [rng.normal(size=(5, HIGH.size + 1)), rng.normal(size=(ACTIONS, 6))]
@@ -109,7 +103,7 @@ ROW = [0.0] * (HIGH.size + 1)
     [
         *(3, [], [[]], [[ROW[1:]] * ACTIONS], [[ROW] * (ACTIONS - 1)], {"layers": []}),
         *([[[*ROW[1:], "a"]] * ACTIONS], [[[*ROW[1:], math.nan]] * ACTIONS], [[ROW] * 300]),
-        *([[[*ROW[1:], 10**400]] * ACTIONS], [[[*ROW[1:], True]] * ACTIONS]),
+        [[[*ROW[1:], 10**400]] * ACTIONS],
     ],
 )
 def test_what_is_no_network_is_refused(tmp_path, layers):

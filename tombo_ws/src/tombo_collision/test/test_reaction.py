@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tombo_collision.decision import Estimate, against_flight
@@ -82,18 +82,6 @@ def test_in_a_corner_it_leaves_between_the_two_walls():
     state = decide(FIRST, event(x_c, [0.0, 1.0, 0.0]), P)
     assert state.n_r == pytest.approx(np.array([-1.0, -1.0, 0.0]) / np.sqrt(2.0))
     assert np.linalg.norm(state.x_r - FIRST.x_c) > 0.5 * P.distance
-
-
-@given(places, units, units)
-def test_after_any_two_collisions_x_r_is_a_place_at_d_r(x_c, first, second):
-    before = decide(None, event(x_c, first), P)
-    assume(np.linalg.norm(before.n_r) > 0.0)
-    # the worst place for the second: straight away from it is where the first was
-    contact = before.x_c - P.distance * against_flight(second)
-    decision = decide(before, event(contact, second), P)
-    assert np.linalg.norm(decision.n_r) == pytest.approx(1.0)
-    if (contact + P.distance * decision.n_r)[2] >= P.height_min:
-        assert np.linalg.norm(decision.x_r - contact) == pytest.approx(P.distance)
 
 
 def test_every_registered_reaction_has_a_name_and_bounded_parameters():

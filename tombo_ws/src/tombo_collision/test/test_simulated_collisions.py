@@ -61,32 +61,6 @@ def test_a_known_region_alone_fires_once_and_inside_before_the_strike():
 
 
 @pytest.mark.slow
-def test_both_triggers_are_no_later_than_either():
-    pairs = zip(flown("paper_collision"), flown("known_obstacle"), strict=True)
-    first = [min(detections(r)[0]["time_s"] for _, r in pair) for pair in pairs]
-    with_both = [
-        detections(r)[0]["time_s"] for _, r in flown("paper_collision", "detector.trigger=both")
-    ]
-    assert with_both == first
-
-
-@pytest.mark.slow
-def test_without_a_trigger_there_is_no_reaction():
-    for _, record in flown("paper_collision", "detector.trigger=none", seeds=range(100, 103)):
-        assert record.summary["collided"]
-        assert not detections(record)
-        assert not (record.log["mode"] == Phase.REACT).any()
-        assert record.summary["x_r_m"] is None
-
-
-@pytest.mark.slow
-def test_told_not_to_react_it_detects_and_flies_on():
-    for _, record in flown("paper_collision", "reaction.name=none", seeds=range(100, 103)):
-        assert record.summary["detected"]
-        assert not (record.log["mode"] == Phase.REACT).any()
-
-
-@pytest.mark.slow
 def test_gaps_of_mocap_are_sat_out_level_and_are_no_collisions():
     gaps = ("effects.mocap_dropouts.probability=0.005", "effects.mocap_dropouts.duration=0.5")
     spells = 0

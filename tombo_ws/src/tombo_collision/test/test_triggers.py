@@ -35,18 +35,6 @@ def test_there_are_no_other_triggers():
         CollisionDetector(DetectorParams(trigger="regoin"))
 
 
-def test_region_fires_first_and_the_strike_in_it_is_the_same_event():
-    struck = THROUGH.pushed(REACHED, (-1.0, 0.0, 0.0))
-    events, _ = watch(struck, trigger="both")
-    assert [e.trigger for e in events] == ["region"]
-
-
-def test_with_both_a_strike_ahead_of_the_region_counts():
-    struck = THROUGH.pushed(REACHED - 0.5, (-1.2, 0.3, 0.0))
-    events, _ = watch(struck, trigger="both")
-    assert events[0].trigger == "innovation"
-
-
 @pytest.mark.slow
 @settings(max_examples=60)
 @given(st.floats(-3.1, 3.1), st.floats(-0.4, 0.4), st.floats(0.2, 1.5), st.integers(0, 50))

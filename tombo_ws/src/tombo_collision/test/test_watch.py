@@ -116,13 +116,6 @@ def test_a_bad_pose_is_refused_and_leaves_no_trace(reason, bad):
     assert sum(s.event is not None for s in rest_of_flight) == 1
 
 
-@pytest.mark.parametrize(("norm", "ahead"), [(0.91, 0), (1.09, 0), (1.0, 5 * MS)])
-def test_what_is_only_a_little_off_is_used(norm, ahead):
-    core = DetectorCore(DetectorParams())
-    results = hand_over(core, EPOCH + ahead, EPOCH, "map", [0, 0, 0.2], [0, 0, 0, norm])
-    assert not results.refused
-
-
 @pytest.mark.parametrize(
     ("seen", "back"), [*(((0, 60), back) for back in (0.1, 0.3, 1e6)), ((1, 6), 3600.0)]
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -20,7 +19,7 @@ Row = tuple[float, ...]
 Network = tuple[tuple[Row, ...], ...]
 """Layers, each of rows: a row has the weights of one output, its bias last. Between layers, and
 after the last one, is tanh."""
-_WIDEST, _DEEPEST = 256, 8
+_WIDEST, _DEEPEST, _LARGEST = 256, 8, 1e6
 _ACCEPTED = (
     f"a JSON file of layers, or the layers themselves: lists of rows [weights..., bias], "
     f"{HIGH.size} inputs, {ACTIONS} outputs, up to {_DEEPEST} layers of {_WIDEST}"
@@ -57,24 +56,17 @@ def read_network(name: str, value: object) -> Network | None:
 
 
 def _layer(name: str, layer: Any, inputs: int) -> tuple[Row, ...]:
-    if not isinstance(layer, list | tuple) or not 1 <= len(layer) <= _WIDEST:
-        raise InputError(f"{name}: {shown(layer)} is no layer; accepted: {_ACCEPTED}")
-    rows = []
-    for row in layer:
-        if not isinstance(row, list | tuple) or len(row) != inputs + 1:
-            raise InputError(
-                f"{name}: {shown(row)} is no row of {inputs + 1} numbers; accepted: {_ACCEPTED}"
-            )
-        if not all(_is_weight(value) for value in row):
-            raise InputError(f"{name}: a row has what is no finite number; accepted: {_ACCEPTED}")
-        rows.append(tuple(float(value) for value in row))
-    return tuple(rows)
-
-
-def _is_weight(value: object) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return abs(value) < 1e6 and math.isfinite(value)
+    try:
+        matrix = np.array(layer, np.float64)
+    except (TypeError, ValueError, OverflowError):  # rows of other lengths, or no numbers
+        matrix = np.zeros(0)
+    fits = matrix.ndim == 2 and matrix.shape[1] == inputs + 1 and 1 <= len(matrix) <= _WIDEST
+    if not fits or not (np.abs(matrix) < _LARGEST).all():
+        raise InputError(
+            f"{name}: {shown(layer)} has no finite rows of {inputs + 1} numbers; accepted: "
+            f"{_ACCEPTED}"
+        )
+    return tuple(map(tuple, matrix.tolist()))
 
 
 def network_text(layers: Sequence[Array]) -> str:

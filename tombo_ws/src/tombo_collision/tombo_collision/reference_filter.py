@@ -53,51 +53,40 @@ class ReferenceFilter:
         if memory.collided or memory.samples == self._samples + 1:
             self._update(params, float(memory.period), position, attitude)
             self._samples = int(memory.samples)
-        elif memory.samples == 0:
-            self.filter.x = np.zeros((9, 1))
-            self._begin(position, _BEGIN_SPEED)
-            self._samples = 0
-        else:  # the clock was set: velocity and rates stay
-            self._begin(position, RESUMED_SPEED)
+        else:
+            speed = RESUMED_SPEED  # the clock was set: velocity and rates stay
+            if memory.samples == 0:
+                self.filter.x, self._samples, speed = np.zeros((9, 1)), 0, _BEGIN_SPEED
+            self.filter.x[:3, 0] = position
+            self.filter.P = np.diag([_POSITION_VARIANCE] * 3 + [speed**2] * 3 + [1.0] * 3)
+            self.statistic = 0.0
         self._attitude = attitude
-
-    def _begin(self, position: Array, speed_deviation: float) -> None:
-        """Put the filter to a position, with a standard deviation of its velocity [m/s]."""
-        self.filter.x[:3, 0] = position
-        variances = [_POSITION_VARIANCE] * 3 + [speed_deviation**2] * 3 + [1.0] * 3
-        self.filter.P = np.diag(variances)
-        self.statistic = 0.0
 
     def _update(
         self, params: DetectorParams, step: float, position: Array, attitude: Array
     ) -> None:
-        """Predict over a step [s] and correct by a pose."""
+        """Predict over a step [s] and correct by a pose.
+
+        The acceleration of a free flight is the input; the process noise is an acceleration that
+        is held over the step. Position and body rates are measured.
+        """
         kf = self.filter
-        set_model(kf, params, step)
+        kf.F, kf.B, kf.Q = np.eye(9), np.zeros((9, 3)), np.zeros((9, 9))
+        accelerations = (params.acceleration_xy, params.acceleration_xy, params.acceleration_z)
+        turns = (params.tilt_acceleration, params.tilt_acceleration, params.yaw_acceleration)
+        gain = np.array([0.5 * step * step, step])
+        for i in range(3):
+            kf.F[i, 3 + i] = step
+            kf.B[[i, 3 + i], i] = gain
+            kf.Q[np.ix_([i, 3 + i], [i, 3 + i])] = accelerations[i] ** 2 * np.outer(gain, gain)
+            kf.Q[6 + i, 6 + i] = (turns[i] * step) ** 2
+        rate_noise = params.rate_noise * max(1.0, RATE_STEP / step)
+        kf.R = np.diag([params.position_noise**2] * 3 + [rate_noise**2] * 3)
         turn = np.array(rotation_vector(attitude, self._attitude))
         kf.predict(u=np.array([[*free_acceleration(self._attitude, attitude), 0.0]]).T)
         kf.update(np.array([[*position, *(turn / step)]]).T)
         settled = self._samples + 1 > WARM_UP_SAMPLES
         self.statistic = float(kf.y[:, 0] @ kf.SI @ kf.y[:, 0]) if settled else 0.0
-
-
-def set_model(kf: Any, params: DetectorParams, step: float) -> None:
-    """Give filterpy's filter its model over a step [s].
-
-    The acceleration of a free flight is the input; the process noise is an acceleration that is
-    held over the step. Position and body rates are measured.
-    """
-    kf.F, kf.B, kf.Q = np.eye(9), np.zeros((9, 3)), np.zeros((9, 9))
-    accelerations = (params.acceleration_xy, params.acceleration_xy, params.acceleration_z)
-    turns = (params.tilt_acceleration, params.tilt_acceleration, params.yaw_acceleration)
-    gain = np.array([0.5 * step * step, step])
-    for i in range(3):
-        kf.F[i, 3 + i] = step
-        kf.B[[i, 3 + i], i] = gain
-        kf.Q[np.ix_([i, 3 + i], [i, 3 + i])] = accelerations[i] ** 2 * np.outer(gain, gain)
-        kf.Q[6 + i, 6 + i] = (turns[i] * step) ** 2
-    rate_noise = params.rate_noise * max(1.0, RATE_STEP / step)
-    kf.R = np.diag([params.position_noise**2] * 3 + [rate_noise**2] * 3)
 
 
 def reference_statistics(
