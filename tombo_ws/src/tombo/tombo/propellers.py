@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,6 @@ def propeller(
     law: str = "repaired",
     *,
     library: str | Path | None = None,
-    **changes: Any,
 ) -> pd.DataFrame:
     """Return thrust, drag, torque and deformation over speed, one row a point; SI units.
 
@@ -31,10 +30,9 @@ def propeller(
         rpm: speeds [rpm]; None: 50 from 0 to the end of the valid range.
         law: of the nodus: published, repaired or consistent.
         library: folder with own materials, blades and configurations.
-        **changes: what differs from the configuration, as in `length_mm=10.0` (docs/propeller.md).
 
     Raises:
-        InputError: unknown configuration, law or change, or a value out of bounds.
+        InputError: unknown configuration or law, or a speed out of bounds.
     """
     import pandas as pd
 
@@ -46,5 +44,5 @@ def propeller(
         if rpm is None
         else np.atleast_1d(np.asarray(rpm, dtype=np.float64)) * RPM
     )
-    points = evaluate(chosen, speeds, law, outside="mask", **changes)
+    points = evaluate(chosen, speeds, law, outside="mask")
     return pd.DataFrame({"rpm": np.ravel(points.speed_rpm), **points.table()})

@@ -134,14 +134,6 @@ def test_the_airframe_moves_by_the_impulse():
     assert v.velocity[0] < -0.5
 
 
-def test_a_stopped_rotor_is_not_turned_backwards():
-    v = struck(speed=60.0)
-    for _ in range(30):
-        v.begin()
-        assert v.plant.rotor_speed.min() >= -1e-12
-        v.finish()
-
-
 # --- the course of a strike -----------------------------------------------------------------
 
 
@@ -182,20 +174,6 @@ def test_thrust_collapses_and_returns_in_the_measured_time(conf, speed):
     lag = v.params.motor_time_constant + TOMBO["duration"]
     assert figures["recovery_s"] - 0.01 <= back <= figures["recovery_s"] + lag
     assert share[-1] == pytest.approx(1.0, abs=0.01)
-
-
-def test_a_blade_that_straightens_into_the_obstacle_is_struck_again():
-    v = struck(depth=0.03)
-    pushed = []
-    body = v.body.copy()
-    for _ in range(400):
-        v.body = body
-        v.begin()
-        pushed.append(v.plant.contact.touching > 0.0)
-        v.finish()
-    begins = np.count_nonzero(np.diff(np.array(pushed, dtype=int)) > 0)
-    assert begins >= 2
-    assert v.plant.fold[2] > 0.1  # it cannot stand where the pole is
 
 
 @pytest.mark.parametrize(
@@ -274,21 +252,3 @@ def test_a_disc_above_the_top_passes():
     assert untouched(v)
     v.plant.obstacle.top = 2.03 + 1e-6
     assert not untouched(v)
-
-
-def test_a_disc_that_rises_above_the_obstacle_during_a_strike_is_free():
-    """Without a surface the push is zero."""
-    v = struck()
-    v.begin()
-    v.finish()
-    assert v.plant.memories.blade_strike.folding[2] == 1.0
-    v.plant.obstacle.top = 1.5
-    v.begin()
-    assert not v.plant.strike_force.any()
-    assert v.plant.contact.touching == 0.0
-
-
-def test_a_disc_on_edge_meets_nothing():
-    v = struck()
-    v.plant.state.attitude = Rotation.from_euler("x", 0.5 * math.pi).as_quat()
-    assert untouched(v)

@@ -45,13 +45,6 @@ def test_typical_disturbance_shows_and_stays_finite(name):
     assert np.abs(ends[1] - ends[0]).max() > 1e-3
 
 
-def test_too_many_parameters_are_refused_and_nothing_is_set():
-    v = Vehicle()
-    with pytest.raises(ValueError, match="2 values"):
-        set_disturbance(v.plant, "dry_drag", 1.0, 2.0)
-    assert v.plant.disturbance == np.zeros((), v.plant.disturbance.dtype)
-
-
 # --- one by one -----------------------------------------------------------------------------
 
 

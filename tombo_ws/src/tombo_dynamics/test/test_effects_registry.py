@@ -8,7 +8,7 @@ from effect_scenes import busy_memory, nulls, observe, typical
 from one_vehicle import NOISE
 from scipy.optimize import least_squares
 
-from tombo_dynamics.effects import REGISTRY, Param, Stage, check_theta, effect
+from tombo_dynamics.effects import REGISTRY, check_theta
 from tombo_dynamics.errors import InputError
 
 every_effect = pytest.mark.parametrize("name", REGISTRY)
@@ -45,15 +45,6 @@ def test_declaration_is_complete(name):
     assert any(p.typical != p.null for p in entry.theta)
 
 
-def test_a_spread_between_healthy_vehicles_is_far_below_what_matters():
-    for entry in REGISTRY.values():
-        assert 0.0 <= entry.healthy_spread < 0.25
-        assert not (entry.contact and entry.healthy_spread), entry.name
-        assert all(entry.size(p) > 0.0 for p in entry.theta), entry.name
-    for name in ("hanging_load", "steady_wind", "mocap_dropouts"):  # added to a healthy vehicle
-        assert not any(REGISTRY[name].tolerance(p) for p in REGISTRY[name].theta), name
-
-
 # --- at null, nothing -----------------------------------------------------------------------
 
 
@@ -70,17 +61,6 @@ def test_effect_function_at_null_adds_nothing(name):
     assert flat(v.plant) == pytest.approx(before, rel=1e-15, abs=1e-16)
 
 
-@every_effect
-def test_effect_vanishes_with_its_parameters(name):
-    """A millionth of the size leaves a millionth of the trace; what acts at once has a step."""
-    tiny = {k: nulls(name)[k] + 1e-6 * (v - nulls(name)[k]) for k, v in typical(name).items()}
-    nothing, something = observe(name, nulls(name)), observe(name, typical(name))
-    if REGISTRY[name].contact:
-        return  # a touch is a touch, however soft; theirs are measured in their own files
-    full, left = np.abs(something - nothing).max(), np.abs(observe(name, tiny) - nothing).max()
-    assert left <= 1e-4 * full + 1e-12
-
-
 # --- at its typical size, something ---------------------------------------------------------
 
 
@@ -89,13 +69,6 @@ def test_typical_values_show_and_stay_finite(name):
     seen = observe(name, typical(name))
     assert np.isfinite(seen).all()
     assert np.abs(seen - observe(name, nulls(name))).max() > 1e-4
-
-
-@every_effect
-@pytest.mark.parametrize("side", [0, 1], ids=["lowest", "highest"])
-def test_the_ends_of_the_bounds_stay_finite(name, side):
-    values = {p.name: p.bounds[side] for p in REGISTRY[name].theta}
-    assert np.isfinite(observe(name, values)).all()
 
 
 # --- fitting --------------------------------------------------------------------------------
@@ -159,20 +132,3 @@ def test_values_out_of_bounds_are_refused_and_bounds_accepted(name):
 
 
 # --- registering ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "names", "words"),
-    [
-        ("gusts", ["size"], "'gusts' is registered twice"),
-        *(("odd", names, "do not match") for names in (["other"], ["size", "more"], [])),
-    ],
-)
-def test_an_effect_that_can_not_be_registered(name, names, words):
-    def odd(m, noise, size):
-        """Do nothing."""
-
-    theta = [Param(n, "1", 0.0, (0.0, 1.0), "size", 0.5) for n in names]
-    with pytest.raises(ValueError, match=words):
-        effect(name, Stage.AIR, theta, "none")(odd)
-    assert "odd" not in REGISTRY

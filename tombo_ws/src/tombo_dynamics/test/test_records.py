@@ -45,14 +45,6 @@ def test_a_deep_copy_keeps_record_and_array_one_piece_of_memory():
     assert track.start.count == 0
 
 
-def test_another_name_can_be_neither_read_nor_set():
-    point = Point.new()
-    with pytest.raises(AttributeError, match="plaec"):
-        point.plaec  # noqa: B018
-    with pytest.raises(ValueError, match="plaec"):
-        point.plaec = 1.0
-
-
 def test_a_name_with_a_meaning_in_numpy_is_refused():
     with pytest.raises(ValueError, match="Shape: numpy has its own meaning for shape"):
         type("Shape", (Record,), {"shape": field("1", "")})

@@ -64,22 +64,7 @@ def test_free_rotation_keeps_angular_momentum_and_energy(no_air, seed):
     assert np.abs(v.rates - rates).max() > 0.5  # it did nutate
 
 
-def test_attitude_stays_a_unit_quaternion():
-    v = tumbling(5, speed=600.0)
-    norms = v.fly(2.0, watch=lambda v: np.linalg.norm(v.plant.state.attitude))
-    assert norms == pytest.approx(np.ones(2000), abs=1e-14)
-
-
 # --- the rotors' gyroscopic torque ----------------------------------------------------------
-
-
-def test_gyroscopic_torque_does_no_work(no_air):
-    v = tumbling(6, maps=no_air, params=UNLIKE, speed=[800.0, 700.0, 100.0, 200.0])
-    momentum, energy = v.angular_momentum(), v.rotation_energy()
-    assert abs(v.rotor_momentum()) > 0.05
-    v.fly(1.0)
-    assert v.rotation_energy() == pytest.approx(energy, rel=1e-9)
-    assert v.angular_momentum() == pytest.approx(momentum, abs=1e-10)
 
 
 @pytest.mark.parametrize("rates", [(0.0, 0.0, 0.0), (3.0, -2.0, 1.0)])

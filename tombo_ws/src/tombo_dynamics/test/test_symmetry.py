@@ -96,16 +96,3 @@ def test_a_turned_world_moves_alike(angle, seed):
     assert there.velocity == pytest.approx(turn.apply(here.velocity), abs=1e-5)
     assert there.rates == pytest.approx(here.rates, abs=1e-5)
     assert (there.rotation * here.rotation.inv() * turn.inv()).magnitude() < 1e-6
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_a_moved_world_moves_alike(seed):
-    world = scene(seed)
-    moved = dict(world)
-    moved["position"] = world["position"] + [7.0, -4.0, 0.0]
-    moved["obstacle"] = world["obstacle"] + [7.0, -4.0, 0.0, 0.0]
-    here, touched = fly(world)
-    there, _ = fly(moved)
-    assert touched
-    assert there.position - here.position == pytest.approx([7.0, -4.0, 0.0], abs=1e-6)
-    assert there.body[3:] == pytest.approx(here.body[3:], abs=1e-5)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from one_vehicle import Vehicle, hover_speed
-from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.vehicle import ROTOR_NAMES, SPIN
 
@@ -79,14 +78,6 @@ def test_thrust_near_the_floor_is_that_of_cheeseman_and_bennett(vehicle):
     assert gain(2.0 * radius) == pytest.approx(64.0 / 63.0)
 
 
-def test_ground_effect_grows_towards_the_floor_and_vanishes_above():
-    gains = [gain(h) for h in (0.06, 0.1, 0.2, 0.5, 1.0, 3.0, 30.0)]
-    assert (np.diff(gains) < 0.0).all()
-    assert 1.0 < gains[-1] < 1.0001
-    assert gains[0] < 1.5
-    assert gain(0.001) == gain(0.05)  # the formula's end is held
-
-
 # --- airframe -------------------------------------------------------------------------------
 
 
@@ -116,13 +107,3 @@ def test_the_heavy_side_goes_down(vehicle, offset, axis, sign):
     v.finish()
     v.fly(0.1)
     assert sign * v.rotation.as_rotvec()[axis] > 0.0
-
-
-def test_effects_on_one_rotor_multiply():
-    v = hovering(
-        {"thrust_coefficient_error": {"fraction": -0.1}, "weak_propeller": {"rear_left": 0.5}}
-    )
-    assert v.plant.efficiency == pytest.approx([0.9, 0.45, 0.9, 0.9])
-    tilted = Rotation.from_euler("x", 0.3).as_quat()
-    leaning = hovering({"thrust_coefficient_error": {"fraction": -0.1}}, attitude=tilted)
-    assert leaning.plant.rotor_thrust == pytest.approx(0.9 * WHOLE)

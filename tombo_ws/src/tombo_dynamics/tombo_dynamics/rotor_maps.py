@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.monotone_cubic import MonotoneCubic
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.vehicle import VehicleParams
 
@@ -74,8 +74,8 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
     """
     top = min(vehicle.rotor_speed_max, float(thrust_map.omega_max))
     knots: Array = np.linspace(0.0, top, _PIECES + 1, dtype=np.float64)
-    thrust = MonotoneCubic(knots, thrust_map.thrust(knots))
-    torque = MonotoneCubic(knots, thrust_map.torque(knots))
+    thrust = PchipInterpolator(knots, thrust_map.thrust(knots))
+    torque = PchipInterpolator(knots, thrust_map.torque(knots))
     highest = float(thrust(top))
     hover = vehicle.hover_thrust()
     if highest < 1.1 * hover:
@@ -93,7 +93,7 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
             f"{np.interp(hover, thrust(fine), fine):.0f} rad/s, the speed in hover"
         )
     roots: Array = np.linspace(0.0, math.sqrt(highest), _INVERSE_PIECES + 1, dtype=np.float64)
-    speed = MonotoneCubic(roots, MonotoneCubic(np.sqrt(thrust(fine)), fine)(roots))
+    speed = PchipInterpolator(roots, PchipInterpolator(np.sqrt(thrust(fine)), fine)(roots))
     table = RotorMaps.new()
     table.step = knots[1]
     table.root_step = roots[1]
@@ -103,7 +103,7 @@ def rotor_maps(thrust_map: Any, vehicle: VehicleParams) -> RotorMaps:
     table.thrust_highest = highest
     table.torque_ratio = float(torque(speed(math.sqrt(hover)))) / hover
     for name, curve in (("thrust", thrust), ("torque", torque), ("speed", speed)):
-        table[name] = curve.coefficients.T
+        table[name] = curve.c[::-1].T
     return table
 
 

@@ -1,7 +1,4 @@
-"""YAML as the suite reads it: bounded, numbers as in YAML 1.2, an error that says what and where.
-
-Size, depth and expanded aliases are bounded before anything is built.
-"""
+"""YAML as the suite reads it: numbers as in YAML 1.2, no key twice, errors with their line."""
 
 from __future__ import annotations
 
@@ -16,35 +13,20 @@ from tombo_dynamics.errors import InputError, shown
 
 LARGEST = 4_000_000
 """Bytes of a file; those of the suite have a few thousand."""
-_DEEPEST = 40
-"""Lists and mappings within each other."""
-_MOST_VALUES = 200_000
-"""Values; an alias counts with all values that it repeats."""
-_LONGEST_NUMBER = 64
-"""Characters: any such number is within the range of a float."""
 _C_OR_PYTHON: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is ten times faster
 _C_OR_PYTHON_TEXT: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 _TAG = "tag:yaml.org,2002:"
 
 
-class _BoundedLoader(_C_OR_PYTHON):  # type: ignore[misc]
+class _Loader(_C_OR_PYTHON):  # type: ignore[misc]
     """Reads 6e-05 as a number, as YAML 1.2 does; PyYAML alone takes it for text."""
 
 
-_BoundedLoader.add_implicit_resolver(
+_Loader.add_implicit_resolver(
     f"{_TAG}float",
     re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)$"),
     list("-+.0123456789"),
 )
-
-
-class _Refused(Exception):
-    """The text goes beyond a bound, in a line counted from 0."""
-
-    def __init__(self, why: str, mark: Any) -> None:
-        super().__init__(why)
-        self.problem = why
-        self.problem_mark = mark
 
 
 def read_yaml(path: Path, what: str, accepted: str = "YAML") -> Any:
@@ -85,23 +67,21 @@ def parse_yaml(text: str, what: str, *, as_text: bool = False) -> Any:
         as_text: leave numbers as they are written.
 
     Raises:
-        InputError: it is none, names a key twice, holds itself, or is larger, deeper or longer
-            than any file of the suite.
+        InputError: it is none, names a key twice, or is larger than any file of the suite.
     """
     if len(text) > LARGEST:
         raise InputError(f"{what}: too large; accepted: YAML of up to {LARGEST} bytes")
     try:
-        _check_size(text)
-        loader = (_C_OR_PYTHON_TEXT if as_text else _BoundedLoader)(text)
+        loader = (_C_OR_PYTHON_TEXT if as_text else _Loader)(text)
         try:
             node = loader.get_single_node()
             if node is None:
                 return None
-            _check_nodes(node)
+            _check_keys(node)
             return loader.construct_document(node)
         finally:
             loader.dispose()
-    except (yaml.YAMLError, _Refused) as error:
+    except yaml.YAMLError as error:
         why, line = _reason(error)
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         why, line = f"a value that does not fit its tag: {error}", ""  # as `!!int ""`
@@ -119,43 +99,11 @@ def _reason(error: Any) -> tuple[str, str]:
     return why, f" at line {mark.line + 1}" if mark is not None else ""
 
 
-def _check_size(text: str) -> None:
-    """Bound depth and number of values, aliases written out, while nothing is built yet.
+def _check_keys(root: Any) -> None:
+    """Refuse keys that stand twice in a mapping.
 
     Raises:
-        _Refused: beyond a bound, or an alias of what it stands in.
-        yaml.YAMLError: no YAML.
-    """
-    values = 0
-    extent: dict[str, int] = {}
-    open_anchors: list[tuple[str | None, int]] = []
-    for event in yaml.parse(text, Loader=_C_OR_PYTHON):
-        if isinstance(event, yaml.CollectionEndEvent):
-            anchor, before = open_anchors.pop()
-            if anchor:
-                extent[anchor] = values - before
-        elif isinstance(event, yaml.AliasEvent):
-            if any(anchor == event.anchor for anchor, _ in open_anchors):
-                raise _Refused(f"*{event.anchor} stands within itself", event.start_mark)
-            values += extent.get(event.anchor or "", 1)
-        elif isinstance(event, yaml.CollectionStartEvent):
-            open_anchors.append((event.anchor, values))
-            extent.pop(event.anchor or "", None)
-            values += 1
-        elif isinstance(event, yaml.ScalarEvent):
-            extent.pop(event.anchor or "", None)
-            values += 1
-        if len(open_anchors) > _DEEPEST:
-            raise _Refused(f"nested more than {_DEEPEST} deep", event.start_mark)
-        if values > _MOST_VALUES:
-            raise _Refused(f"more than {_MOST_VALUES} values", event.start_mark)
-
-
-def _check_nodes(root: Any) -> None:
-    """Refuse keys that stand twice, and numbers beyond a float.
-
-    Raises:
-        _Refused: a key is there twice, or a number is too long.
+        yaml.MarkedYAMLError: a key is there twice.
     """
     left, seen = [root], set()
     while left:
@@ -163,20 +111,15 @@ def _check_nodes(root: Any) -> None:
         if id(node) in seen:
             continue
         seen.add(id(node))
-        if isinstance(node, yaml.MappingNode):
-            _check_keys(node)
-            left += [part for pair in node.value for part in pair]
-        elif isinstance(node, yaml.SequenceNode):
+        if isinstance(node, yaml.SequenceNode):
             left += node.value
-        elif node.tag in (f"{_TAG}int", f"{_TAG}float") and len(node.value) > _LONGEST_NUMBER:
-            raise _Refused(f"a number of {len(node.value)} characters", node.start_mark)
-
-
-def _check_keys(node: Any) -> None:
-    keys: set[Hashable] = set()
-    for key, _ in node.value:
-        if not isinstance(key, yaml.ScalarNode) or key.tag == f"{_TAG}merge":
-            continue
-        if (key.tag, key.value) in keys:
-            raise _Refused(f"key {shown(key.value)} twice", key.start_mark)
-        keys.add((key.tag, key.value))
+        elif isinstance(node, yaml.MappingNode):
+            left += [part for pair in node.value for part in pair]
+            keys: set[Hashable] = set()
+            for key, _ in node.value:
+                if not isinstance(key, yaml.ScalarNode) or key.tag == f"{_TAG}merge":
+                    continue
+                if (key.tag, key.value) in keys:
+                    why = f"key {shown(key.value)} twice"
+                    raise yaml.MarkedYAMLError(problem=why, problem_mark=key.start_mark)
+                keys.add((key.tag, key.value))

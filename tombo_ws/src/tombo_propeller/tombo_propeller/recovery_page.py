@@ -25,9 +25,7 @@ def recovery_page(trace: RotorTrace, recoveries: Sequence[ThrustRecovery], share
     for r in recoveries:
         level = f"{r.level:.0f}" if r.level >= 1000.0 else f"{r.level:.3g}"
         words = r.as_text(lower_bound=trace.is_speed)
-        lines.append(
-            f"Collision at {r.time:.3f} s, from {level} {trace.unit}: recovered after {words}"
-        )
+        lines.append(f"Collision at {r.time:.3f} s, from {level}: recovered after {words}")
     times = [r.recovered for r in recoveries if not r.why]
     if len(times) > 1:
         least = "at least " if trace.is_speed else ""
@@ -51,8 +49,6 @@ def recovery_page(trace: RotorTrace, recoveries: Sequence[ThrustRecovery], share
         ],
         data={
             "trace": trace.column,
-            "kind": trace.kind,
-            "unit": trace.unit,
             "lower_bound": trace.is_speed,
             "recovered_at_share": share,
             "collisions": [_collision(trace, r) for r in recoveries],
@@ -106,6 +102,6 @@ def draw_recovery(trace: RotorTrace, recoveries: Sequence[ThrustRecovery], share
                           textcoords="offset points", ha="center", color=GREEN)  # fmt: skip
         figure.suptitle(_headline(recoveries), fontsize=10.5)
         axes.set_xlabel("time [s]")
-        axes.set_ylabel(f"{trace.kind} [{trace.unit}]")
+        axes.set_ylabel(trace.column)
         axes.legend(loc="lower right")
     return figure

@@ -64,4 +64,4 @@ def test_own_library(tombo, refused, tmp_path: Path) -> None:
     ],
 )
 def test_an_option_before_a_sub_command_is_refused(refused, before: list[str], command: str):
-    refused(("propeller", *before, command), before[0], "after", command)
+    refused(("propeller", *before, command), f"options before {command}", "accepted")

@@ -40,8 +40,6 @@ def test_a_trace_gives_its_recovery_time(tombo, tmp_path):
     [
         (["none.csv"], "can't read"),
         (["t.csv", "--column", "thurst_N"], "thrust_N"),
-        (["t.csv", "--unit", "stone"], "unit"),
-        (["t.csv", "--time-unit", "h"], "unit of time"),
         (["t.csv", "--tare", "7"], "tare too large"),
         (["flat.csv"], "no collision"),
     ],
@@ -56,10 +54,10 @@ def test_bad_traces_are_refused(refused, tmp_path, arguments, why):
 def test_a_speed_trace_says_at_least(tombo, tmp_path):
     write_trace(tmp_path / "t.csv", level=4507.0, unit="rpm")
     text = tombo("propeller", "recovery", "t.csv").out
-    assert "from 4507 rpm: recovered after at least 0.4" in text
+    assert "from 4507: recovered after at least 0.4" in text
     assert "lower bound" in text
     values = tombo("propeller", "recovery", "t.csv", "--json").json
-    assert (values["kind"], values["unit"], values["lower_bound"]) == ("speed", "rpm", True)
+    assert (values["trace"], values["lower_bound"]) == ("rpm", True)
     (hit,) = values["collisions"]
     assert hit["level"] == pytest.approx(4507.0, rel=0.01)
     assert hit["words"].startswith("at least")

@@ -72,18 +72,6 @@ def test_maximum_of_thrust_without_weight(chosen) -> None:
     assert math.degrees(point.gamma_rad) == pytest.approx(15.47, abs=0.02)
 
 
-@pytest.mark.parametrize("law", ["published", "repaired"])
-@pytest.mark.parametrize("conf", [1, 4, 13])
-def test_maximum_is_one(conf: int, law: str) -> None:
-    chosen = configuration(conf)
-    top, exists = speed_of_maximum_thrust(chosen, law)
-    near = evaluate(chosen, top * np.array([0.999, 1.0, 1.001]), law).thrust_N
-    assert exists
-    assert near[1] > near[0]
-    assert near[1] > near[2]
-    assert near[2] == pytest.approx(near[0], rel=1e-7)  # level to second order
-
-
 def test_figures_of_conf_13() -> None:
     top, _ = speed_of_maximum_thrust(configuration(13))
     assert top * RPM == pytest.approx(11226.0, abs=1.0)
@@ -107,17 +95,6 @@ def test_rigid_propeller_is_exactly_quadratic(law: str) -> None:
         assert (getattr(twice, name) == 4.0 * getattr(once, name)).all()
     assert np.ptp(once.lift_over_drag) == 0.0
     assert not once.alpha_rad.any() and not once.beta_rad.any() and not once.gamma_rad.any()
-
-
-@EACH_LAW
-@pytest.mark.parametrize("conf", range(14))
-def test_drag_and_torque_brake_and_the_torque_acts_on_the_wing(conf: int, law: str) -> None:
-    chosen = configuration(conf)
-    speeds = np.linspace(1.0, valid_speed(chosen, law), 300)
-    points = evaluate(chosen, speeds, law)
-    assert (points.drag_N > 0.0).all()
-    arm = points.torque_Nm / points.drag_N
-    assert ((arm > 0.04) & (arm < 0.11)).all()
 
 
 @EACH_LAW

@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.propeller import configuration, evaluate, parameter_row
-from tombo_dynamics.propeller.effects import (
-    STAND_EFFECTS,
-    Draws,
-    Setup,
-    check_stand_theta,
-    nulls,
-    predict,
-    stand_effect,
-)
+from tombo_dynamics.propeller.effects import STAND_EFFECTS, Draws, Setup, nulls, predict
 from tombo_dynamics.propeller.effects.predict import _begin
 
 SPEED = np.linspace(0.0, 400.0, 9)
@@ -83,23 +75,6 @@ def test_in_plane_term_at_one_is_the_other_law():
     assert np.allclose(read[:, 0], other.thrust_N, rtol=1e-12)
 
 
-def test_stiffening_without_end_leaves_the_untwisted_wing():
-    """With no twist a soft and a stiff propeller differ by their flap and lag only."""
-    soft, stiff = (
-        predict(setup(c), {"centrifugal_stiffening": (1.9e-5,)})[-1, 0] for c in (5, 13)
-    )
-    before = [predict(setup(c), {})[-1, 0] for c in (5, 13)]
-    assert abs(soft / stiff - 1.0) < 0.05 < abs(before[0] / before[1] - 1.0)
-
-
-def test_stiffening_grows_with_speed_where_a_torsion_constant_does_not():
-    s = setup(5)
-    base = predict(s, {})[1:, 0]
-    stiffened = predict(s, {"centrifugal_stiffening": (4e-7,)})[1:, 0] / base - 1.0
-    constant = predict(s, {"torsion_constant": (2.0,)})[1:, 0] / base - 1.0
-    assert stiffened[-1] / stiffened[1] > 2.0 * constant[-1] / constant[1]
-
-
 def test_a_shared_load_halves_a_small_flap_and_keeps_a_rigid_propeller():
     assert np.allclose(
         predict(setup(0), {"load_sharing": (0.5,)}), predict(setup(0), {}), rtol=1e-12
@@ -163,18 +138,3 @@ def test_each_propeller_and_run_draws_its_own():
     tare = predict(s, {"tare_scatter": (0.05, 0.0)}, draws(s))[:, 0] - predict(s, {})[:, 0]
     assert np.allclose(np.ptp(tare.reshape(3, -1), axis=1), 0.0, atol=1e-12)
     assert np.ptp(tare) > 0.01
-
-
-def test_a_point_without_a_root_is_nan_and_no_other():
-    s = setup(5)
-    fast = Setup(s.speed * 3.0, s.rows, s.propeller, s.run, s.elapsed)
-    read = predict(fast, {"inflow": (0.5,)})[:, 0]
-    assert np.isnan(read[-1])
-    assert np.isfinite(read[:4]).all()
-
-
-def test_names_are_registered_once():
-    given = {"thrust_gain": {"error": 0.1}}
-    assert check_stand_theta(given, "x") == given
-    with pytest.raises(ValueError, match="twice"):
-        stand_effect("thrust_gain", STAND_EFFECTS["thrust_gain"].stage, [], "")(lambda m: None)

@@ -1,10 +1,7 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from tombo_dynamics.propeller import LAWS, SPEED_LIMIT, configuration, evaluate, thrust_map
-from tombo_dynamics.propeller.thrust_map import cubic_table, cubic_values
 
 EACH = pytest.mark.parametrize(("conf", "law"), [(c, law) for law in LAWS for c in range(14)])
 
@@ -34,20 +31,3 @@ def test_missing_maximum_is_reported() -> None:
         assert not m.has_maximum
         assert m.omega_mtf == SPEED_LIMIT
     assert thrust_map(configuration(13)).has_maximum
-
-
-@pytest.mark.slow
-@settings(deadline=None)
-@given(
-    values=st.lists(st.floats(0.0, 10.0), min_size=3, max_size=12),
-    slopes=st.lists(st.floats(-50.0, 50.0), min_size=12, max_size=12),
-)
-def test_cubics_are_monotone_between_rising_knots_whatever_the_slopes(
-    values: list[float], slopes: list[float]
-) -> None:
-    rising = np.cumsum(np.array(values) + 0.01)
-    table = cubic_table(0.5, rising, np.array(slopes[: len(rising)]))
-    x = np.linspace(0.0, 0.5 * (len(rising) - 1), 400)
-    y = cubic_values(table, 0.5, x)
-    assert (np.diff(y) >= -1e-9).all()
-    assert cubic_values(table, 0.5, 0.5 * np.arange(len(rising))) == pytest.approx(rising)

@@ -2,7 +2,6 @@
 
     >>> from tombo_dynamics.propeller import RPM, evaluate
     >>> evaluate(13, 2000 * RPM).thrust_N                         # 0.613 N
-    >>> evaluate(13, 2000 * RPM, length_mm=[8, 12]).thrust_N      # (2,)
 
 `docs/propeller.md` has the equations, their sources, and what measurement says against them.
 """
@@ -19,8 +18,7 @@ from tombo_dynamics.propeller.evaluate import (
 )
 from tombo_dynamics.propeller.laws.parameters import DEFAULT_LAW, LAWS, SCALARS, parameter_row
 from tombo_dynamics.propeller.library import Library, configuration, configurations, read_library
-from tombo_dynamics.propeller.parameter_rows import parameter_rows
-from tombo_dynamics.propeller.quantities import QUANTITIES, Moduli, nodus_moduli
+from tombo_dynamics.propeller.nodus import Moduli, nodus_moduli
 from tombo_dynamics.propeller.records import (
     STANDARD,
     Blade,
@@ -32,18 +30,11 @@ from tombo_dynamics.propeller.records import (
     Nodus,
     Surroundings,
 )
-from tombo_dynamics.propeller.thrust_map import (
-    Peak,
-    ThrustMap,
-    speed_of_maximum_thrust,
-    thrust_map,
-    thrust_peak,
-)
+from tombo_dynamics.propeller.thrust_map import ThrustMap, speed_of_maximum_thrust, thrust_map
 
 __all__ = [
     "DEFAULT_LAW",
     "LAWS",
-    "QUANTITIES",
     "RPM",
     "SCALARS",
     "SPEED_LIMIT",
@@ -59,7 +50,6 @@ __all__ = [
     "Moduli",
     "Nodus",
     "Operation",
-    "Peak",
     "RotorInertia",
     "Surroundings",
     "ThrustMap",
@@ -69,11 +59,9 @@ __all__ = [
     "evaluate_rows",
     "nodus_moduli",
     "parameter_row",
-    "parameter_rows",
     "read_library",
     "rotor_inertia",
     "speed_of_maximum_thrust",
     "thrust_map",
-    "thrust_peak",
     "valid_speed",
 ]

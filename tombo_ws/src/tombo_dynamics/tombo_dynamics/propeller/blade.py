@@ -105,25 +105,12 @@ def volume_moments(blade: Blade, start: ArrayLike, end: ArrayLike) -> tuple[Arra
     return total, (volume * x).sum(-1) / total, (volume * x**2).sum(-1) / total
 
 
-def wing_mass_from(blade: Blade, root_m: ArrayLike) -> tuple[Array, Array]:
-    """Return mass [kg] and centroid [m] of a wing that begins at `root_m` [m], any shape.
-
-    The published mass and centroid belong to `joint.outer_radius_m`. From there they change as
-    volume and centroid of the distribution depth x thickness do.
-    """
-    joint, tip = blade.joint, blade.pieces[-1].end_m
-    volume, centroid, _ = volume_moments(blade, root_m, tip)
-    own_volume, own_centroid, _ = volume_moments(blade, joint.outer_radius_m, tip)
-    mass = joint.wing_mass_kg * volume / own_volume
-    return mass, joint.wing_centroid_m + centroid - own_centroid
-
-
 @dataclass(frozen=True, eq=False)
 class Wing:
     """The integrals of a blade, without air density and speed; thrust is rho omega^2 times them.
 
     The whole two-bladed propeller is meant: the paper's Eq. 1 has rho where blade-element theory
-    has rho / 2. Leading dimensions are those of the radii that the wing was asked to begin at.
+    has rho / 2.
     """
 
     inner_thrust: Array
@@ -133,11 +120,11 @@ class Wing:
     inner_torque: Array
     """[m^5]."""
     lift: Array
-    """(..., 6) weights of the wing's thrust [m^4]."""
+    """(6,) weights of the wing's thrust [m^4]."""
     drag: Array
-    """(..., 6) weights of the wing's drag [m^4]."""
+    """(6,) weights of the wing's drag [m^4]."""
     torque: Array
-    """(..., 6) weights of the wing's torque [m^5]."""
+    """(6,) weights of the wing's torque [m^5]."""
     twist_limit: Array
     """Highest twist [rad]: beyond it some section leaves the coefficients' measured range."""
 
@@ -179,26 +166,22 @@ def rigid_integrals(blade: Blade, start: ArrayLike, end: ArrayLike) -> tuple[Arr
     return (load * lift).sum(-1), (load * drag).sum(-1), (load * x * drag).sum(-1)
 
 
-def wing_from(blade: Blade, root_m: ArrayLike) -> Wing:
-    """Return the integrals of a blade whose wing begins at `root_m` [m], any shape."""
-    root, tip = np.asarray(root_m, dtype=float), blade.pieces[-1].end_m
+@lru_cache(maxsize=64)
+def wing(blade: Blade) -> Wing:
+    """Return the integrals of a blade, the wing beginning at the nodus' outer end."""
+    root, tip = blade.joint.outer_radius_m, blade.pieces[-1].end_m
     second = wing_integrals(blade, 2, root, tip)
     third = wing_integrals(blade, 3, root, tip)
-    _, pitch = shape(blade, np.linspace(root, tip, 201, axis=-1))
+    stations: Array = np.linspace(root, tip, 201, dtype=np.float64)
+    _, pitch = shape(blade, stations)
     inner = rigid_integrals(blade, blade.pieces[0].start_m, root)
     return Wing(
         *inner,
         lift=lift_weights(blade.section, second),
         drag=drag_weights(blade.section, second),
         torque=drag_weights(blade.section, third),
-        twist_limit=pitch.min(-1) - np.radians(blade.section.lowest_deg),
+        twist_limit=pitch.min() - np.radians(blade.section.lowest_deg),
     )
-
-
-@lru_cache(maxsize=64)
-def wing(blade: Blade) -> Wing:
-    """Return the integrals of a blade, the wing beginning at the nodus' outer end."""
-    return wing_from(blade, blade.joint.outer_radius_m)
 
 
 BLADES = 2

@@ -1,17 +1,16 @@
-"""Operating points of propellers: configurations with changes, or rows, over speeds."""
+"""Operating points of propellers: configurations, or rows, over speeds."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError, unknown_name
+from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.propeller.laws.parameters import (
     DEFAULT_LAW,
     NO_EQUILIBRIUM,
@@ -24,7 +23,6 @@ from tombo_dynamics.propeller.laws.parameters import (
 )
 from tombo_dynamics.propeller.laws.points import COLUMNS, solve_points
 from tombo_dynamics.propeller.library import known_configuration
-from tombo_dynamics.propeller.parameter_rows import broadcast_error, float_array, parameter_rows
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
 
 RPM = math.pi / 30.0
@@ -77,6 +75,7 @@ class Operation:
 
 SPEED_LIMIT = 18000.0 * RPM
 """Highest speed [rad/s]: as far as the paper's figures go. The tip is then at Mach 0.6."""
+_ACCEPTED_SPEEDS = f"accepted: 0 to {SPEED_LIMIT:.1f} rad/s (18000 rpm)"
 OUTSIDE = ("error", "mask", "keep")
 _REASONS = {
     TWIST_OUT_OF_RANGE: "the twist takes the tip out of the angles of attack that the "
@@ -85,25 +84,17 @@ _REASONS = {
 }
 
 
-class _ShapesError(InputError):
-    """Rows and speeds that do not broadcast."""
-
-
 def evaluate(
     configuration: Configuration | int,
     speed_rad_s: ArrayLike,
     law: str = DEFAULT_LAW,
     surroundings: Surroundings = STANDARD,
     outside: str = "error",
-    **changes: Any,
 ) -> Operation:
     """Return thrust, drag, torque and deformation of propellers at rotor speeds.
 
     T = rho omega^2 (A_T + cos alpha cos beta f_T(gamma)), drag and torque likewise (paper's Eq. 1
     and 8), with the nodus' angles from the law's equilibrium (`laws`).
-
-    Speeds and changes broadcast as numpy's arrays do: `evaluate(13, speeds,
-    length_mm=[[8.0], [12.0]])` has the shape (2, n).
 
     Args:
         configuration: a Configuration, or a number of Table I.
@@ -112,24 +103,17 @@ def evaluate(
         surroundings: air density and gravity.
         outside: what to do with speeds at which the law is not valid: "error" refuses them, "mask"
             makes the results NaN, "keep" leaves them as the equations give them.
-        **changes: quantities that differ from the configuration's, see `parameter_rows`.
 
     Raises:
-        InputError: unknown law; a speed that is NaN, negative or above SPEED_LIMIT; a change that
-            is not accepted; with outside="error", a speed at which the law is not valid: the
-            valid range is named.
+        InputError: unknown law; a speed that is NaN, negative or above SPEED_LIMIT; with
+            outside="error", a speed at which the law is not valid: the valid range is named.
     """
     if outside not in OUTSIDE:
         raise unknown_name("outside", outside, OUTSIDE)
-    rows = parameter_rows(configuration, law, surroundings, **changes)
-    try:
-        operation = evaluate_rows(
-            rows, speed_rad_s, law, "keep" if outside == "error" else outside
-        )
-    except _ShapesError:
-        raise broadcast_error({"speed_rad_s": speed_rad_s, **changes}) from None
+    row = parameter_row(configuration, law, surroundings)
+    operation = evaluate_rows(row, speed_rad_s, law, "keep" if outside == "error" else outside)
     if outside == "error" and not operation.valid.all():
-        raise _not_valid(operation, configuration, rows, law)
+        raise _not_valid(operation, configuration, row, law)
     return operation
 
 
@@ -139,7 +123,7 @@ def evaluate_rows(
     """Return operating points of many propellers, each given as a row of parameters.
 
     Args:
-        rows: (ROW_SIZE,) or (..., ROW_SIZE), from `parameter_rows`, perhaps varied; the leading
+        rows: (ROW_SIZE,) or (..., ROW_SIZE), from `parameter_row`, perhaps varied; the leading
             dimensions broadcast with those of the speeds.
         speed_rad_s: rotor speeds [rad/s], broadcast with `rows`.
         law: the law that the rows were made for.
@@ -149,7 +133,6 @@ def evaluate_rows(
         InputError: unknown law, rows of another size or not finite, or a speed that is NaN,
             negative or above SPEED_LIMIT.
     """
-    law_number(law)
     if outside not in OUTSIDE[1:]:
         raise unknown_name("outside", outside, OUTSIDE[1:])
     speeds = _checked_speeds(speed_rad_s)
@@ -163,14 +146,18 @@ def evaluate_rows(
     try:
         shape = np.broadcast_shapes(leading, speeds.shape)
     except ValueError:
-        raise _ShapesError(
+        raise InputError(
             f"rows of shape {table.shape} with speeds of shape {speeds.shape}; accepted: leading "
             "dimensions that broadcast"
         ) from None
     table = table.reshape(-1, ROW_SIZE)
     which = np.broadcast_to(np.arange(table.shape[0]).reshape(leading), shape)
     speeds = np.array(np.broadcast_to(speeds, shape))
-    columns = points_of_rows(table, which.ravel(), speeds.ravel(), law)
+    columns: Array = np.empty((speeds.size, COLUMNS))
+    solve_points(
+        law_number(law), np.ascontiguousarray(table), which.ravel(), speeds.ravel(), columns
+    )
+    columns = np.ascontiguousarray(columns.T)
     verdict = columns[7].astype(np.int64)
     valid = verdict == OK
     if outside == "mask":
@@ -188,20 +175,6 @@ def evaluate_rows(
         valid=valid.reshape(shape),
         verdict=verdict.reshape(shape),
     )
-
-
-def points_of_rows(rows: Array, which: NDArray[np.int64], speed_rad_s: Array, law: str) -> Array:
-    """Return (COLUMNS, n) solutions, unchecked, see `laws.points`.
-
-    Args:
-        rows: (r, ROW_SIZE).
-        which: (n,) the row of each point.
-        speed_rad_s: (n,) from 0 to SPEED_LIMIT.
-        law: the law that the rows were made for.
-    """
-    out = np.empty((speed_rad_s.size, COLUMNS))
-    solve_points(law_number(law), np.ascontiguousarray(rows), which, speed_rad_s, out)
-    return np.ascontiguousarray(out.T)
 
 
 def valid_speed(
@@ -246,12 +219,10 @@ def valid_speed_of_rows(rows: ArrayLike, law: str) -> Array:
 
 
 def _not_valid(
-    operation: Operation, configuration: Configuration | int, rows: Array, law: str
+    operation: Operation, configuration: Configuration | int, row: Array, law: str
 ) -> InputError:
     """Build the error for the first point that is not valid."""
     place = np.unravel_index(int(np.argmin(operation.valid)), operation.valid.shape)
-    shape = operation.valid.shape
-    row = np.broadcast_to(rows, (*shape, ROW_SIZE))[place]
     member = known_configuration(configuration)
     worst, limit = float(operation.speed_rad_s[place]), float(valid_speed_of_rows(row, law))
     return InputError(
@@ -262,13 +233,12 @@ def _not_valid(
 
 
 def _checked_speeds(speed_rad_s: ArrayLike) -> Array:
-    speeds = float_array("speed", speed_rad_s, _accepted_speeds())
+    try:
+        speeds = np.asarray(speed_rad_s, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"speed {shown(speed_rad_s)}; {_ACCEPTED_SPEEDS}") from None
     usable = (speeds >= 0.0) & (speeds <= SPEED_LIMIT)
     if not usable.all():
         worst = float(speeds.ravel()[int(np.argmin(usable.ravel()))])
-        raise InputError(f"speed {worst:.6g} rad/s ({worst / RPM:.6g} rpm); {_accepted_speeds()}")
+        raise InputError(f"speed {worst:.6g} rad/s ({worst / RPM:.6g} rpm); {_ACCEPTED_SPEEDS}")
     return speeds
-
-
-def _accepted_speeds() -> str:
-    return f"accepted: 0 to {SPEED_LIMIT:.1f} rad/s (18000 rpm)"

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError, shown, unknown_name
-from tombo_dynamics.monotone_cubic import MonotoneCubic
+from tombo_dynamics.errors import InputError, shown, shown_names, unknown_name
 from tombo_dynamics.params import check_number, param, structure
 from tombo_dynamics.propeller.library import Library, read_library
 from tombo_dynamics.propeller.records import Configuration
@@ -111,7 +111,7 @@ class PlainPropeller:
             return np.asarray(coefficient * speed**2)
         table = np.array(self.curve)
         # The coefficient changes slowly with speed: it is interpolated, and held below the curve.
-        shares = MonotoneCubic(table[:, 0], table[:, column] / table[:, 0] ** 2)
+        shares = PchipInterpolator(table[:, 0], table[:, column] / table[:, 0] ** 2)
         return np.asarray(shares(np.clip(speed, table[0, 0], table[-1, 0])) * speed**2)
 
 
@@ -211,20 +211,10 @@ def mounted_configuration(choice: PropellerChoice) -> Configuration:
     known = library_of(choice).configurations
     if choice.conf not in known:
         raise InputError(
-            f"propeller.conf: there is no configuration {choice.conf}; accepted: {_ranges(known)}"
+            f"propeller.conf: there is no configuration {choice.conf}; accepted: "
+            f"{shown_names(known)}"
         )
     return known[choice.conf]
-
-
-def _ranges(numbers: Iterable[int]) -> str:
-    """Return rising whole numbers as text, neighbours as ranges: 0 to 13, 20."""
-    runs: list[list[int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
-        else:
-            runs.append([number, number])
-    return ", ".join(f"{a} to {b}" if a < b else f"{a}" for a, b in runs)
 
 
 def check_choice(choice: PropellerChoice) -> None:

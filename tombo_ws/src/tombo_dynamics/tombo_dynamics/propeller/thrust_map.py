@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.evaluate import SPEED_LIMIT, evaluate_rows
-from tombo_dynamics.propeller.laws.parameters import DEFAULT_LAW, ROW_SIZE, checked, parameter_row
-from tombo_dynamics.propeller.parameter_rows import parameter_rows
+from tombo_dynamics.propeller.laws.parameters import DEFAULT_LAW, checked, parameter_row
 from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
 
 
@@ -55,65 +53,35 @@ _LEVELS = 6
 _ROWS_AT_ONCE = 4096
 
 
-@dataclass(frozen=True, eq=False)
-class Peak:
-    """How far thrust rises with speed; every array has the propellers' shape."""
-
-    speed_rad_s: Array
-    """omega_mtf, the speed of maximum thrust; where there is none, the end of the rise."""
-    thrust_N: Array
-    """Thrust there."""
-    gamma_rad: Array
-    """Twist there."""
-    has_maximum: NDArray[np.bool_]
-    """False: thrust rises up to 18 000 rpm, or up to where the law stops being valid."""
-    valid_further: NDArray[np.bool_]
-    """False: the law stops being valid before thrust has a maximum."""
-
-
-def thrust_peak(
-    configuration: Configuration | int,
-    law: str = DEFAULT_LAW,
-    surroundings: Surroundings = STANDARD,
-    **changes: Any,
-) -> Peak:
-    """Return the first maximum of thrust up to 18 000 rpm.
-
-    Beyond it more speed means less thrust, and control would reverse.
+def peak_of_rows(
+    rows: Array, law: str, highest: float = SPEED_LIMIT
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the first maximum of thrust over speed of each row (n, ROW_SIZE).
 
     Args:
-        configuration: a Configuration, or a number of Table I.
-        law: "published", "repaired" or "consistent".
-        surroundings: air density and gravity.
-        **changes: quantities that differ from the configuration's, see `parameter_rows`.
+        rows: of the propellers.
+        law: that they were made for.
+        highest: speed up to which it is looked for [rad/s].
 
-    Raises:
-        InputError: as `parameter_rows`.
+    Returns:
+        speed (n) [rad/s], where there is no maximum the end of the rise; whether it is a maximum;
+        and whether the law is valid beyond.
     """
-    return peak_of_rows(parameter_rows(configuration, law, surroundings, **changes), law)
-
-
-def peak_of_rows(rows: ArrayLike, law: str) -> Peak:
-    """Return `thrust_peak` of each row (..., ROW_SIZE)."""
-    table = np.asarray(rows, dtype=float)
-    flat = table.reshape(-1, ROW_SIZE)
     parts = [
-        _peak(flat[start : start + _ROWS_AT_ONCE], law)
-        for start in range(0, max(len(flat), 1), _ROWS_AT_ONCE)
+        _peak(rows[start : start + _ROWS_AT_ONCE], law, highest)
+        for start in range(0, len(rows), _ROWS_AT_ONCE)
     ]
-    speed, has_maximum, further = (
-        np.concatenate(column).reshape(table.shape[:-1]) for column in zip(*parts, strict=True)
-    )
-    points = evaluate_rows(table, speed, law, "keep")
-    return Peak(speed, points.thrust_N, points.gamma_rad, has_maximum, further)
+    speed, has_maximum, further = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return speed, has_maximum, further
 
 
-def _peak(rows: Array, law: str) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return speed, whether it is a maximum, and whether the law is valid beyond, by row."""
+def _peak(
+    rows: Array, law: str, highest: float
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
     count = len(rows)
     each = np.arange(count)
     low: Array = np.zeros(count)
-    high: Array = np.full(count, SPEED_LIMIT)
+    high: Array = np.full(count, highest)
     steady, ends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     for level in range(_LEVELS):
         speeds = np.linspace(low, high, _GRID, axis=-1)
@@ -134,7 +102,7 @@ def _peak(rows: Array, law: str) -> tuple[Array, NDArray[np.bool_], NDArray[np.b
     with np.errstate(invalid="ignore", divide="ignore"):
         vertex = 0.5 * (t[0] - t[2]) / (t[0] - 2.0 * t[1] + t[2])
     top = speeds[each, peak] + vertex * (speeds[:, 1] - speeds[:, 0])
-    speed = np.where(steady, SPEED_LIMIT, np.where(ends, speeds[each, peak], top))
+    speed = np.where(steady, highest, np.where(ends, speeds[each, peak], top))
     return speed, ~steady & ~ends, steady | ~ends
 
 
@@ -206,14 +174,15 @@ def speed_of_maximum_thrust(
 def _speed_of_maximum_thrust(
     configuration: Configuration, law: str, surroundings: Surroundings
 ) -> tuple[float, bool]:
-    peak = peak_of_rows(parameter_row(configuration, law, surroundings), law)
-    if not peak.valid_further:
+    row = parameter_row(configuration, law, surroundings)
+    (speed,), (has_maximum,), (further,) = peak_of_rows(row[None], law)
+    if not further:
         raise InputError(
             f"law {law} stops being valid for {configuration.label} at "
-            f"{float(peak.speed_rad_s):.4g} rad/s before thrust has a maximum; accepted: a "
+            f"{float(speed):.4g} rad/s before thrust has a maximum; accepted: a "
             "configuration with a valid maximum or none below 18000 rpm"
         )
-    return float(peak.speed_rad_s), bool(peak.has_maximum)
+    return float(speed), bool(has_maximum)
 
 
 def thrust_map(

@@ -32,17 +32,6 @@ def test_measured_propellers_go_first(made):
     )  # most to spare in the worse one
 
 
-def test_dragonskin_10_cannot_lift_an_s500(made):
-    evaluated = made(mass_kg=1.3, min_thrust_margin=1.5).evaluated
-    soft = [
-        i
-        for i, c in enumerate(evaluated.configurations)
-        if c.nodus.matrix.name == "DragonSkin10" and evaluated.tier[i] < 2
-    ]
-    assert len(soft) > 3
-    assert (evaluated.value[soft, 0] < 1.0).all()
-
-
 @pytest.mark.slow
 def test_a_heavier_vehicle_gets_a_stiffer_nodus_or_none(made):
     stiffness = []

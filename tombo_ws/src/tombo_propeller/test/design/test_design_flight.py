@@ -6,17 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tombo_dynamics.errors import InputError
-from tombo_dynamics.propeller import configuration, read_library, thrust_map
+from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.propeller.mounted_propeller import mounted_configuration, thrust_map_of
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
-from tombo_flight.scenario import load_scenario, scenario_from_mapping, world_of
+from tombo_flight.scenario import load_scenario, world_of
 from tombo_propeller.design.flight_check import blade_recovery, check_design, recommend
-from tombo_propeller.design.flight_files import is_built_in, scenario_of, write_flyable
+from tombo_propeller.design.flight_files import scenario_of, write_flyable
 from tombo_propeller.design.page import DESIGN_FILES, write_design
 from tombo_propeller.design.request import DesignRequest, vehicle_for
-from tombo_sim.propeller_effects import vehicle_effects
 
 pytestmark = pytest.mark.slow
 
@@ -38,14 +36,6 @@ def test_the_recommended_one_flies_as_claimed(made):
     assert claims["first strike's highest force"].simulated == pytest.approx(123.0, abs=0.1)
     assert claims["blade's recovery time"].simulated == pytest.approx(0.39, abs=0.003)
     assert claims["collision force at most 150 N"].held
-
-
-def test_a_designed_nodus_flies_from_its_library(made):
-    design = made(mass_kg=1.2, min_thrust_margin=2.5)
-    recommendation = recommend(design, range(2))
-    chosen = design.evaluated.configurations[recommendation.index]
-    assert not is_built_in(chosen)
-    assert recommendation.check.held
 
 
 def test_blades_with_too_weak_a_push_let_it_fall_and_are_rejected(made):
@@ -122,29 +112,3 @@ def test_files_of_a_design_can_be_moved_and_flown(made, tmp_path: Path):
     top = float(thrust_map_of(scenario.propeller).thrust(500.0))
     assert top == pytest.approx(float(thrust_map(chosen).thrust(500.0)))
     assert world_of(scenario).vehicle.nodus_radius == chosen.blade.joint.outer_radius_m
-
-
-def test_an_unmeasured_silicone_takes_the_mean_of_all(stiff_library, tmp_path: Path):
-    (tmp_path / "materials.yaml").write_text((stiff_library / "materials.yaml").read_text())
-    (tmp_path / "configurations.yaml").write_text(
-        "- {conf: 30, blade: nine_inch, matrix: Stiff50, fibre: tendon, fibres: 5, "
-        "fibre_diameter_mm: 0.5, length_mm: 12.0}\n"
-    )
-    scenario = scenario_from_mapping({"propeller": {"conf": 30, "library": str(tmp_path)}}, "x")
-    strike = vehicle_effects(scenario.propeller, scenario.vehicle, {})["blade_strike"]
-    readings = [c.measured.recovery_s for c in read_library().configurations.values()
-                if c.nodus and c.measured]  # fmt: skip
-    assert strike["recovery_time"] == pytest.approx(np.mean(readings))
-
-
-@pytest.mark.parametrize(
-    ("propeller", "words"),
-    [
-        ({"conf": 14}, "propeller.conf: there is no configuration 14; accepted: 0 to 13"),
-        ({"conf": 13, "library": "nowhere"}, "propeller.library: no folder 'nowhere'"),
-        ({"conf": 13, "library": 5}, "propeller.library: 5"),
-    ],
-)
-def test_a_propeller_that_is_not_there_is_refused(propeller, words):
-    with pytest.raises(InputError, match=words):
-        scenario_from_mapping({"propeller": propeller}, "x")

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import configuration, configurations, thrust_map
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_propeller.design.candidates import with_nodus_at
@@ -62,9 +61,3 @@ def test_a_nodus_like_iron_makes_the_rigid_propeller_wherever_it_is():
         )
         both = flight_performance([stiff, configuration(0)], VEHICLE, "repaired")
         assert both.usable_thrust[0] == pytest.approx(both.usable_thrust[1], rel=1e-3)
-
-
-@pytest.mark.parametrize(("radius", "length"), [(0.035, 0.021), (0.02, 0.012), (0.1, 0.012)])
-def test_a_nodus_off_the_blade_is_refused(radius, length):
-    with pytest.raises(InputError, match="accepted: between 15 and 90 mm"):
-        with_nodus_at(BLADE, radius, length)

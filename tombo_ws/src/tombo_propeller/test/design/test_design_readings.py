@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.propeller import configurations
-from tombo_propeller.design.readings import FEWEST, read
+from tombo_propeller.design.readings import read
 
 SOFT = [c for c in configurations() if c.measured and c.nodus]
 
@@ -36,8 +36,3 @@ def test_the_next_reading_keeps_the_bound_with_its_probability():
         reading = read("collision_force_N", with_forces(rng.normal(120.0, 30.0, 9)))
         within += rng.normal(120.0, 30.0) <= reading.mean + reading.reach(0.9)
     assert within / 300 == pytest.approx(0.9, abs=0.05)
-
-
-def test_too_few_readings_predict_nothing():
-    reading = read("recovery_s", SOFT[: FEWEST - 1])
-    assert np.isnan(reading.mean) and np.isnan(reading.reach(0.9))

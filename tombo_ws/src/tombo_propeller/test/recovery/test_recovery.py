@@ -111,17 +111,6 @@ def test_slow_throttle_and_spikes_are_no_collisions():
         recoveries(t, spiked)
 
 
-def test_missing_samples_are_bridged_and_nan_is_no_sample(struck):
-    t, thrust = struck[0.42]
-    keep = np.random.default_rng(0).random(len(t)) > 0.3
-    holes = thrust.copy()
-    holes[::7] = np.nan
-    (a,), (b,), (c,) = (recoveries(t, thrust), recoveries(t[keep], thrust[keep]),
-                        recoveries(t, holes))  # fmt: skip
-    assert b.recovered == pytest.approx(a.recovered, abs=0.005)
-    assert c.recovered == pytest.approx(a.recovered, abs=0.005)
-
-
 @pytest.mark.parametrize(
     "t, why",
     [
@@ -142,13 +131,3 @@ def test_a_reversed_sign_is_named():
     folded = np.where(t < 0.5, 0.0, np.exp(-(t - 0.5) / 0.15))
     with pytest.raises(InputError, match=r"level of -4.* sign reversed.*accepted"):
         recoveries(t, -5.0 * (1.0 - folded))
-
-
-def test_a_drop_that_is_seen_again_while_it_lasts_is_one_collision():
-    t = np.arange(6000) * 1e-3
-    folded = np.where(t < 1.0, 0.0, np.exp(-(t - 1.0) / 0.15))
-    folded = np.where((t >= 3.0) & (t < 3.02), 1.0, folded)
-    folded = np.where(t >= 3.02, np.exp(-(t - 3.02) / 0.1), folded)
-    noise = np.random.default_rng(0).normal(size=t.size)
-    collisions = recoveries(t, 6.0 * (1.0 - folded) + 0.018 * noise)
-    assert [r.time for r in collisions] == pytest.approx([1.0, 3.0], abs=0.01)

@@ -12,7 +12,7 @@ from tombo_benchmarks.docs.markdown import marked
 from tombo_benchmarks.docs.tables import claims_markdown
 from tombo_bringup.cli.main import run
 from tombo_flight.report.figures import BY_KEY
-from tombo_propeller.reproduce.page import REPRODUCTION_FILES, with_unit
+from tombo_propeller.reproduce.page import REPRODUCTION_FILES
 from tombo_propeller.reproduce.paper_values import read_paper
 from tombo_propeller.reproduce.plots import FIGURES
 from tombo_propeller.reproduce.reproduction import reproduce
@@ -24,17 +24,6 @@ def tombo(*arguments: str) -> int:
     with pytest.raises(SystemExit) as leave:
         run(["propeller", "reproduce", *arguments])
     return int(leave.value.code or 0)
-
-
-@pytest.mark.slow
-def test_json_is_the_list_of_claims(capsys: pytest.CaptureFixture[str]) -> None:
-    assert tombo("--json") == 0
-    claims = json.loads(capsys.readouterr().out)
-    assert [c["name"] for c in claims] == [c.name for c in reproduce().claims]
-    for claim in claims:
-        keys = {"claim", "paper", "computed", "law", "verdict", "evidence", "unit", "tolerance"}
-        assert keys <= set(claim)
-        assert claim["verdict"] in ("holds", "fails", "can't be checked")
 
 
 @pytest.mark.slow
@@ -60,22 +49,6 @@ def test_folder_holds_page_json_and_figures(
     assert "not empty" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--law", "repared"), "did you mean 'repaired'"),
-        (("-o", " "), "accepted: a folder"),
-        (("-o", "/dev/null/x"), "can't be written"),
-    ],
-)
-def test_bad_input_is_one_line(
-    arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert tombo(*arguments) == 2
-    error = capsys.readouterr().err
-    assert message in error and error.count("\n") == 1
-
-
 def test_the_page_in_docs_is_up_to_date() -> None:
     page = (ROOT / "docs" / "reproduction.md").read_text()
     written = claims_markdown(reproduce())
@@ -98,11 +71,3 @@ def test_flight_figures_are_those_of_the_readme_and_the_flight_report() -> None:
     assert paper.number("flight", "bounce_m").value == BY_KEY["bounce_m"].paper
     assert paper.number("flight", "unstable_s").value == BY_KEY["unstable_phase_s"].paper
     assert paper.number("flight", "falls_m").value == BY_KEY["max_falling_distance_m"].paper
-
-
-def test_values_are_written_with_their_unit() -> None:
-    assert with_unit(-17.794, "%") == "−17.79 %"
-    assert with_unit(3e-15, "1") == "0"
-    assert with_unit(26.0, "1") == "26"
-    assert with_unit(None, "deg") == "none"
-    assert with_unit(0.02835, "deg") == "0.02835°"

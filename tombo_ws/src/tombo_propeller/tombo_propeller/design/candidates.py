@@ -16,8 +16,8 @@ import numpy as np
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import Blade, Configuration, Library, Nodus, nodus_moduli
-from tombo_dynamics.propeller.blade import shape, span_quadrature
-from tombo_dynamics.propeller.quantities import volume_fraction
+from tombo_dynamics.propeller.blade import shape, volume_moments
+from tombo_dynamics.propeller.nodus import volume_fraction
 
 FIBRE_COUNTS = tuple(range(2, 11))
 DIAMETERS_MM = (0.38, 0.5, 0.75, 0.9, 0.94, 1.2)
@@ -129,18 +129,6 @@ def describe(configuration: Configuration) -> str:
     )
 
 
-def short(configuration: Configuration) -> str:
-    """Return a nodus in a few characters: matrix, fibres x diameter, from and to [mm]."""
-    nodus = configuration.nodus
-    if nodus is None:
-        return "rigid"
-    outer = 1e3 * configuration.blade.joint.outer_radius_m
-    return (
-        f"{nodus.matrix.name} {nodus.fibres}x{nodus.fibre_diameter_mm:g} "
-        f"{outer - nodus.length_mm:g}-{outer:g}"
-    )
-
-
 def _nodi(
     library: Library, length_mm: float, room_mm: float, diameters: Sequence[float]
 ) -> Iterable[Nodus]:
@@ -189,8 +177,8 @@ def with_nodus_at(blade: Blade, outer_radius_m: float, length_m: float) -> Blade
             _section(blade, outer_radius_m - 0.5 * length_m), _section(blade, own), strict=True
         )
     )
-    volume, centroid = _volume(blade, outer_radius_m)
-    own_volume, own_centroid = _volume(blade, joint.outer_radius_m)
+    volume, centroid, _ = volume_moments(blade, outer_radius_m, end)
+    own_volume, own_centroid, _ = volume_moments(blade, joint.outer_radius_m, end)
     moved = dataclasses.replace(
         joint,
         outer_radius_m=outer_radius_m,
@@ -198,8 +186,8 @@ def with_nodus_at(blade: Blade, outer_radius_m: float, length_m: float) -> Blade
         flap_second_moment_mm4=joint.flap_second_moment_mm4 * chord * thickness**3,
         lag_second_moment_mm4=joint.lag_second_moment_mm4 * chord**3 * thickness,
         torsion_constant_m4=joint.torsion_constant_m4 * chord * thickness**3,
-        wing_mass_kg=joint.wing_mass_kg * volume / own_volume,
-        wing_centroid_m=joint.wing_centroid_m * centroid / own_centroid,
+        wing_mass_kg=float(joint.wing_mass_kg * volume / own_volume),
+        wing_centroid_m=float(joint.wing_centroid_m * centroid / own_centroid),
     )
     name = f"{blade.name}_{1e3 * inner:g}_{1e3 * outer_radius_m:g}mm"
     return dataclasses.replace(blade, name=name, joint=moved, published=None)
@@ -217,15 +205,3 @@ def _section(blade: Blade, x_m: float) -> tuple[float, float]:
     if blade.thickness_at_m:
         thickness = float(np.interp(x_m, blade.thickness_at_m, blade.thickness_mm))
     return float(depth[0]) / math.cos(float(pitch[0])), thickness
-
-
-def _volume(blade: Blade, start_m: float) -> tuple[float, float]:
-    """Return depth times thickness outside of a radius, and its centroid [m]."""
-    x, weights = span_quadrature(blade, start_m, blade.pieces[-1].end_m, order=32)
-    depth, _ = shape(blade, x)
-    thickness = np.ones_like(x)
-    if blade.thickness_at_m:
-        thickness = np.interp(x, blade.thickness_at_m, np.asarray(blade.thickness_mm))
-    density = weights * depth * thickness
-    total = float(density.sum())
-    return total, float(density @ x) / total

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import Configuration, evaluate_rows, parameter_row
-from tombo_dynamics.propeller.thrust_map import USABLE_SHARE
+from tombo_dynamics.propeller.thrust_map import USABLE_SHARE, peak_of_rows
 from tombo_dynamics.vehicle import VehicleParams
 
-_SPEEDS = 49
-_FINE = 21
 _CHUNK = 256
 """Rows at a time: a row is repeated for each of its speeds."""
 _SECANTS = 8
@@ -58,7 +56,7 @@ def flight_performance(
 
 def _performance(rows: Array, vehicle: VehicleParams, law: str) -> tuple[NDArray[Any], ...]:
     motor = vehicle.rotor_speed_max
-    peak = _peak(rows, motor / USABLE_SHARE, law)
+    peak, _, _ = peak_of_rows(rows, law, motor / USABLE_SHARE)
     usable = np.fmin(USABLE_SHARE * peak, motor)
     top = evaluate_rows(rows, usable, law).thrust_N
     hover = _speed_for(rows, usable, top, vehicle.hover_thrust(), law)
@@ -68,32 +66,6 @@ def _performance(rows: Array, vehicle: VehicleParams, law: str) -> tuple[NDArray
         np.where(lifts, values, np.nan) for values in (at_hover.lift_over_drag, at_hover.gamma_rad)
     )
     return usable, top, usable >= motor, hover, ratio, twist
-
-
-def _peak(rows: Array, highest: float, law: str) -> Array:
-    """Return the speed of the first maximum of thrust (n,), `highest` where it comes later."""
-    low: Array = np.zeros(rows.shape[0])
-    high: Array = np.full(rows.shape[0], highest)
-    peak: Array = high
-    for count in (_SPEEDS, _FINE):
-        share = np.linspace(0.0, 1.0, count)
-        speeds = low[:, None] + (high - low)[:, None] * share
-        thrust = evaluate_rows(rows[:, None, :], speeds, law).thrust_N
-        falls = ~(np.diff(thrust, axis=1) > 0.0)
-        has_peak = falls.any(axis=1)
-        first = np.where(has_peak, falls.argmax(axis=1), count - 1)
-        line = np.arange(rows.shape[0])
-        inner = np.clip(first, 1, count - 2)
-        a, b, c = (thrust[line, inner + k] for k in (-1, 0, 1))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            vertex = 0.5 * (a - c) / (a - 2.0 * b + c)
-        step = speeds[:, 1] - speeds[:, 0]
-        smooth = has_peak & (first > 0) & np.isfinite(vertex)
-        reached = np.where(smooth, speeds[line, inner] + vertex * step, speeds[line, first])
-        peak = np.where(has_peak, reached, peak)
-        low = np.where(has_peak, speeds[line, np.maximum(first - 1, 0)], high - 1e-9 * high)
-        high = np.where(has_peak, speeds[line, np.minimum(first + 1, count - 1)], high)
-    return np.asarray(np.minimum(peak, highest))
 
 
 def _speed_for(rows: Array, top: Array, most: Array, thrust: float, law: str) -> Array:

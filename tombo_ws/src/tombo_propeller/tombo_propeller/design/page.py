@@ -50,8 +50,6 @@ DESIGN_FILES: Final = (
     *(f"{LIBRARY}/{name}" for name in LIBRARY_FILES),
 )
 """All names that a design may write: those of an earlier one give way."""
-_RANKED: Final = 15
-"""Candidates that keep to all limits and are listed, in their order."""
 _FOOTER: Final = (
     "Thrust margin and lift over drag are the model's; collision force, recovery time and noise "
     "are Table III's, at 2000 rpm, or predicted from it. The same in design.json."
@@ -62,7 +60,7 @@ def design_page(design: Design, recommendation: Recommendation) -> Page:
     """Return the result of a design."""
     index = recommendation.index
     data = design_mapping(design, recommendation)
-    why = [*data["reasons"], *data["must_give_text"]]
+    why = [*data["reasons"], *data["must_give"]]
     fly = [] if index is None else [Text([f"tombo fly {SCENARIO}"], "command")]
     picture = Picture(
         lambda: draw_candidates(design, recommendation), "Figures against thrust margin"
@@ -142,7 +140,7 @@ def _candidate_table(design: Design, recommendation: Recommendation) -> Table:
     rows = [
         TableRow(
             [
-                words.label_of(design, index),
+                words.name_of(design, index),
                 *(words.cell(design, index, column) for column in range(len(QUANTITIES))),
                 why,
             ],
@@ -168,17 +166,7 @@ def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, 
             else recommendation.check.held,
             "recommended": None if index is None else _candidate(design, index),
             "reasons": words.reasons(design, recommendation),
-            "must_give": [
-                {
-                    "limit": limit.text,
-                    "quantity": limit.quantity.name,
-                    "asked": limit.value,
-                    "possible": value,
-                }
-                for limit, value in zip(choice.limits, choice.relief, strict=True)
-                if not design.feasible
-            ],
-            "must_give_text": words.relief_lines(design),
+            "must_give": words.relief_lines(design),
             "check": _check(recommendation.check),
             "failed_in_flight": [
                 {"candidate": _candidate(design, i), "check": _check(c)}
@@ -188,15 +176,11 @@ def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, 
                 {**_candidate(design, i), "why": why}
                 for i, why in words.alternatives(design, recommendation)
             ],
-            "ranked": [_candidate(design, i) for i in choice.order[:_RANKED]],
-            "measured": [_candidate(design, int(i)) for i in (evaluated.tier == 0).nonzero()[0]],
             "candidates": len(evaluated.configurations),
             "candidates_feasible": int(choice.feasible.sum()),
             "request": dataclasses.asdict(design.request),
             "limits": [limit.text for limit in choice.limits],
             "vehicle": dataclasses.asdict(design.vehicle),
-            "tested": dict(zip(PROPERTIES, evaluated.tested.T, strict=True)),
-            "predictions": {name: dataclasses.asdict(r) for name, r in evaluated.readings.items()},
             "thrust_error": design.thrust_error,
             "caveats": words.caveats(design, recommendation),
             "version": tombo_version(),
@@ -209,19 +193,12 @@ def _candidate(design: Design, index: int) -> dict[str, Any]:
     """Return a candidate with its figures and how each is known."""
     evaluated = design.evaluated
     configuration = evaluated.configurations[index]
-    nodus = configuration.nodus
-    assert nodus is not None
     operating = evaluated.operating
-    limits = zip(design.choice.limits, design.choice.slack[index], strict=True)
     return {
         "name": words.name_of(design, index),
         "conf": configuration.number,
         "nodus": describe(configuration),
-        "matrix": nodus.matrix.name,
-        "fibre": nodus.fibre.name,
         **dict(zip(PROPERTIES, evaluated.properties[index], strict=True)),
-        "fibres": nodus.fibres,
-        "fibre_diameter_mm": nodus.fibre_diameter_mm,
         "evidence": words.EVIDENCE[int(evaluated.tier[index])],
         "outside_of_tests": evaluated.outside(index),
         "hover_rpm": float(operating.hover_speed[index]) / RPM,
@@ -239,7 +216,6 @@ def _candidate(design: Design, index: int) -> dict[str, Any]:
             }
             for k, q in enumerate(QUANTITIES)
         },
-        "slack": {limit.quantity.name: float(s) for limit, s in limits},
     }
 
 

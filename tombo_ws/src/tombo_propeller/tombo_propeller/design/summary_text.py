@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from tombo_dynamics.propeller import RPM
-from tombo_propeller.design.candidates import describe, short
-from tombo_propeller.design.design import Design, slack
+from tombo_propeller.design.candidates import describe
+from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_check import Recommendation
 from tombo_propeller.design.flight_files import is_built_in
 from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Criterion, DesignLimit
@@ -88,38 +86,17 @@ def relief_lines(design: Design) -> list[str]:
     lines = []
     for limit, value in zip(design.choice.limits, design.choice.relief, strict=True):
         if value is None:
-            if len(design.choice.limits) > 1:
-                lines.append(f"{limit.text}: giving up this one alone does not help.")
             continue
         unit = f" {limit.quantity.unit}" if limit.quantity.unit else ""
-        if limit.quantity.name == NAMES[0] and value < 1.0:
-            kept = " that keeps to the other limits" if len(design.choice.limits) > 1 else ""
-            lines.append(
-                f"{limit.text}: the most of any candidate{kept} is {_reached(value, limit)}; "
-                "below 1 it can't take off."
-            )
-            continue
-        off = abs(value - limit.value)
-        side = "lower" if limit.quantity.more_is_better else "higher"
-        lines.append(
-            f"{limit.text}: must be {off:.3g}{unit} {side}, {_reached(value, limit)}{unit}, if "
-            "the others stay."
-        )
+        lines.append(f"{limit.text}: must be {_reached(value, limit)}{unit}, if the others stay.")
     if not any(value is not None for value in design.choice.relief):
         lines.append("More than one limit has to give; see the nearest candidates.")
-    if not design.request.extrapolate and _predictions_would_do(design):
+    if not design.request.extrapolate:
         lines.append(
             "Collision force, recovery time and noise outside of what was tested count as "
             "unknown; --extrapolate lets their predictions count."
         )
     return lines
-
-
-def _predictions_would_do(design: Design) -> bool:
-    """Return whether anything keeps to all limits once every prediction counts."""
-    evaluated = design.evaluated
-    counted = np.where(np.isnan(evaluated.counted), evaluated.high, evaluated.counted)
-    return bool((slack(counted, design.choice.limits).min(axis=1) >= 0.0).any())
 
 
 def caveats(design: Design, recommendation: Recommendation) -> list[str]:
@@ -172,12 +149,6 @@ def name_of(design: Design, index: int) -> str:
     if configuration.measured is not None or is_built_in(configuration):
         return f"Conf. {configuration.number}"
     return describe(configuration)
-
-
-def label_of(design: Design, index: int) -> str:
-    """Return a candidate's name for a table."""
-    name, configuration = name_of(design, index), design.evaluated.configurations[index]
-    return short(configuration) if name == describe(configuration) else name
 
 
 def figure(value: float, quantity: Criterion) -> str:

@@ -20,7 +20,7 @@ from tombo_dynamics.propeller import (
     Library,
     Operation,
     evaluate,
-    thrust_peak,
+    speed_of_maximum_thrust,
     valid_speed,
 )
 from tombo_flight.json_text import plain
@@ -251,13 +251,13 @@ def _figures(choice: ChosenPropeller, points: Mapping[str, Operation]) -> list[d
         limit = valid_speed(choice.configuration, law) / RPM
         rows.append((f"valid up to, {law}", limit, "rpm", MODELLED, "twist of the tip"))
         try:
-            peak = thrust_peak(choice.configuration, law)
+            top, has_maximum = speed_of_maximum_thrust(choice.configuration, law)
         except InputError:
             continue
-        if bool(peak.has_maximum):
-            at = f"at {float(peak.speed_rad_s) / RPM:.0f} rpm"
+        if has_maximum:
+            thrust = float(evaluate(choice.configuration, top, law, outside="keep").thrust_N)
             largest = f"largest thrust, {law}"
-            rows.append((largest, float(peak.thrust_N), "N", EXTRAPOLATED, at))
+            rows.append((largest, thrust, "N", EXTRAPOLATED, f"at {top / RPM:.0f} rpm"))
     return [
         dict(zip(("name", "value", "unit", "known", "beside"), row, strict=True)) for row in rows
     ]

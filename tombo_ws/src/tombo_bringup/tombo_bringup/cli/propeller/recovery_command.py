@@ -12,13 +12,7 @@ from tombo_bringup.cli.options import Results, argument, option, record
 class _Trace:
     trace: Path = argument("TRACE.csv", "Thrust or speed over time.")
     column: str | None = option("--column NAME", "Thrust or speed. Default: by its name.")
-    unit: str | None = option(
-        "--unit", "N, mN, gf, kgf, lbf, rpm, rad/s or Hz. Default: by the column's name."
-    )
     time_column: str | None = option("--time-column NAME", "Default: by its name.")
-    time_unit: str | None = option(
-        "--time-unit", "s, ms or us. Default: by the column's name, or s."
-    )
     tare: float = option("--tare X", "What the unloaded cell reads, in the column's unit.", 0.0)
 
 
@@ -36,9 +30,7 @@ def recovery(given: _Trace, results: Results) -> None:
     from tombo_propeller.rotor_trace import read_trace
 
     trace = given.trace
-    read = read_trace(
-        trace, given.column, given.unit, given.time_column, given.time_unit, given.tare
-    )
+    read = read_trace(trace, given.column, given.time_column, given.tare)
     goal = math.sqrt(SHARE) if read.is_speed else SHARE  # thrust goes with speed squared
     try:
         collisions = recoveries(read.time, read.value, goal)

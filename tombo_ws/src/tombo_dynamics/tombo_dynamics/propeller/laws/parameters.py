@@ -14,10 +14,10 @@ import numpy as np
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.jit import compiled
-from tombo_dynamics.propeller.blade import Wing, rigid_integrals, wing
+from tombo_dynamics.propeller.blade import rigid_integrals, wing
 from tombo_dynamics.propeller.library import known_configuration
-from tombo_dynamics.propeller.quantities import derive, inputs_of
-from tombo_dynamics.propeller.records import STANDARD, Blade, Configuration, Surroundings
+from tombo_dynamics.propeller.nodus import law_numbers, published_terms
+from tombo_dynamics.propeller.records import STANDARD, Configuration, Surroundings
 
 LAWS = {"published": 0, "repaired": 1, "consistent": 2}
 """Law by name, with its number in compiled code."""
@@ -83,11 +83,7 @@ SCALARS = {name: i for i, name in enumerate(Parameters._fields[:18])}
 """Index of a number in a row, for code that varies it."""
 WING_SCALARS = ("twist_limit", "inner_thrust", "inner_drag", "inner_torque")
 """Those of them that are integrals over the blade, or follow from its shape."""
-_LIFT, _DRAG, _TORQUE, _SHAPE, _FITS = 18, 24, 30, 36, 56
-OF_THE_WING = np.isin(
-    np.arange(ROW_SIZE), [*(SCALARS[name] for name in WING_SCALARS), *range(_LIFT, _SHAPE)]
-)
-"""(ROW_SIZE,) which numbers `put_wing` writes."""
+_LIFT, _SHAPE, _FITS = 18, 36, 56
 
 
 @compiled
@@ -102,16 +98,15 @@ def unpack(row: Array) -> Parameters:
 
 @lru_cache(maxsize=256)
 def _row(configuration: Configuration, law: str, surroundings: Surroundings) -> Array:
-    blade = configuration.blade
-    known: dict[str, Any] = dict(inputs_of(configuration, law, surroundings))
-    known |= {"lift_rate": blade.section.lift_rate, "drag_rate": blade.section.drag_rate}
+    integrals = wing(configuration.blade)
+    numbers = law_numbers(configuration, law, surroundings)
+    numbers |= {name: getattr(integrals, name) for name in WING_SCALARS}
     row = np.zeros(ROW_SIZE)
-    put_wing(row, wing(blade))
     for name, column in SCALARS.items():
-        if name not in WING_SCALARS:
-            row[column] = derive(name, known, law)
+        row[column] = numbers[name]
+    row[_LIFT:_SHAPE] = np.concatenate([integrals.lift, integrals.drag, integrals.torque])
     if law == "published" and not configuration.rigid:
-        _add_published(row, blade)
+        _add_published(row, configuration)
     return row
 
 
@@ -141,20 +136,12 @@ def checked(
     return known_configuration(configuration), law, surroundings
 
 
-def put_wing(rows: Array, integrals: Wing) -> None:
-    """Write the wing's integrals into rows (..., ROW_SIZE)."""
-    for name in WING_SCALARS:
-        rows[..., SCALARS[name]] = getattr(integrals, name)
-    rows[..., _LIFT:_DRAG] = integrals.lift
-    rows[..., _DRAG:_TORQUE] = integrals.drag
-    rows[..., _TORQUE:_SHAPE] = integrals.torque
-
-
-def _add_published(row: Array, blade: Blade) -> None:
+def _add_published(row: Array, configuration: Configuration) -> None:
     """Fill in what the authors' program does differently; see `laws.published`."""
-    terms, pieces = blade.published, blade.pieces
+    terms, blade = published_terms(configuration), configuration.blade
+    pieces = blade.pieces
     too_long = any(len(c) > 4 for piece in pieces for c in (piece.depth_m, piece.pitch_deg))
-    if terms is None or len(pieces) != 2 or too_long or len(terms.pivot_mm) != 3:
+    if len(pieces) != 2 or too_long or len(terms.pivot_mm) != 3:
         raise InputError(
             f"law published: blade {blade.name} has not the form of the authors' program; "
             "accepted: two pieces of order 3 at most and a pivot of three numbers"

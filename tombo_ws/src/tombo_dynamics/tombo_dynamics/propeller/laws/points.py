@@ -5,7 +5,7 @@ Law `published` is the authors' program with its defects, the one that prints th
 It passes four times over: bend with the loads of the pass before, twist, turn the nodus' end,
 integrate the loads from there. Its defects, each of which changes the result:
 
-- six fibres whatever Table I says, and G_f = E_f / 2.7 (`quantities`);
+- six fibres whatever Table I says, and G_f = E_f / 2.7 (`nodus`);
 - the nodus' end X is turned again at every pass, and so is where its wing begins;
 - drag weighted with cos(theta + gamma), where Eq. 8 has cos(theta - gamma);
 - drag of the nodus' outer 5 mm left out, its thrust counted twice;
