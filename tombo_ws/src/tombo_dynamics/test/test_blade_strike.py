@@ -115,25 +115,6 @@ def test_vehicle_and_rotor_together_get_the_torque_of_the_contact_point(rotor, b
     assert np.linalg.norm(rim) == pytest.approx(RADIUS)
 
 
-def test_the_airframe_moves_by_the_impulse():
-    v, free = struck(), struck()
-    free.plant.obstacle.radius = 0.0
-    impulse = np.zeros(3)
-    for _ in range(10):
-        v.begin()
-        impulse += 1e-3 * v.rotation.apply(v.plant.strike_force)
-        lift = v.rotation.apply(
-            [0.0, 0.0, v.plant.rotors[0].thrust]
-        )  # less than the free vehicle's
-        impulse += 1e-3 * lift
-        v.finish()
-        free.begin()
-        impulse[2] -= 1e-3 * free.plant.rotors[0].thrust
-        free.finish()
-    assert v.mass * (v.velocity - free.velocity) == pytest.approx(impulse, abs=0.01)
-    assert v.velocity[0] < -0.5
-
-
 # --- the course of a strike -----------------------------------------------------------------
 
 

@@ -163,26 +163,3 @@ def test_halving_the_tick_divides_the_error_by_sixteen():
     assert errors[0] > 1e-7
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.2)
     assert errors[1] / errors[2] == pytest.approx(16.0, rel=0.2)
-
-
-@pytest.mark.parametrize("seed", [8, 9])
-def test_energy_changes_by_the_work_of_the_forces(seed):
-    v = tumbling(seed, effects=SMOOTH, speed=500.0)
-    before = v.energy()
-
-    def power(v):
-        moment = v.plant.moment
-        return v.plant.force @ v.rotation.inv().apply(v.velocity) + moment @ v.rates
-
-    def command(k):
-        return [520.0, 500.0, 480.0, 510.0]
-
-    seen = v.fly(0.5, command, watch=power)
-    v.begin()
-    watts = np.append(seen, power(v))
-    work = 1e-3 * (watts.sum() - 0.5 * (watts[0] + watts[-1]))
-    assert abs(work) > 1.0
-    assert v.energy() - before == pytest.approx(work, rel=1e-3)
-
-
-# --- mass and inertia -----------------------------------------------------------------------

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from one_vehicle import NOISE, Vehicle, measured_pose, random_attitude
-from scipy.spatial.transform import Rotation
+from one_vehicle import NOISE, Vehicle, measured_pose
 
 from tombo_dynamics.effects.compose import apply_imu, apply_mocap, pack_theta
 
@@ -73,27 +72,6 @@ def test_imu_vibration_has_the_frequency_and_amplitude_of_each_rotor():
         assert found[3:] == pytest.approx(1e-5 * speed**2, rel=0.2)
         lines[line - 6 : line + 7] = 0.0
     assert lines.max() < 0.01 * 1e-5 * 600.0**2
-
-
-# --- noise ----------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_pose_noise_has_its_deviation_and_leaves_a_unit_quaternion():
-    rng = np.random.default_rng(3)
-    position, attitude = np.array([1.0, 2.0, 3.0]), random_attitude(rng)
-    effects = {"mocap_noise": {"position": 0.01, "attitude": 0.03}}
-    normals = rng.standard_normal((3000, NOISE))
-    poses = [measured_pose(effects, position, attitude, row) for row in normals]
-    positions = np.array([pose.position for pose in poses])
-    quaternions = np.array([pose.attitude for pose in poses])
-    assert (positions - position).std(axis=0) == pytest.approx([0.01] * 3, rel=0.05)
-    turns = (Rotation.from_quat(attitude).inv() * Rotation.from_quat(quaternions)).as_rotvec()
-    assert turns.std(axis=0) == pytest.approx([0.03] * 3, rel=0.05)
-    assert np.linalg.norm(quaternions, axis=1) == pytest.approx(np.ones(3000), abs=1e-14)
-    everything = np.hstack([positions, turns])
-    between = np.corrcoef(everything.T)[np.triu_indices(6, 1)]
-    assert np.abs(between).max() < 0.08
 
 
 # --- time -----------------------------------------------------------------------------------
