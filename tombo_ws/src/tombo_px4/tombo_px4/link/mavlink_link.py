@@ -29,7 +29,6 @@ common.MAVLINK_IGNORE_CRC = None  # pymavlink takes it from the environment
 
 Clock = Callable[[], int]
 """Time now, CLOCK_REALTIME [ns]."""
-Counters = dict[str, int]
 
 # --- Signing keys ---------------------------------------------------------------------------
 
@@ -148,10 +147,9 @@ _CHUNK = 4096
 _ROOM = 1 << 18
 """Most bytes of a stream that wait to be sent."""
 _RETRY_NS = SECOND_NS // 2
-_SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
-_STAMP, _COUNT = struct.Struct("@qq"), struct.Struct("@I")
-_ANCILLARY = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_COUNT.size)
-_UDP_OPTIONS = {_SO_TIMESTAMPNS: 1, _SO_RXQ_OVFL: 1, socket.SO_RCVBUF: 1 << 20}
+_SO_TIMESTAMPNS = 35
+_STAMP = struct.Struct("@qq")
+_UDP_OPTIONS = {_SO_TIMESTAMPNS: 1, socket.SO_RCVBUF: 1 << 20}
 _FLAGS, _INPUT_SPEED, _OUTPUT_SPEED = 2, 4, 5
 """Places in the attributes of a terminal."""
 _NEEDED = {
@@ -163,7 +161,7 @@ _NEEDED = {
 
 
 class _Packet(NamedTuple):
-    """Received bytes: a datagram (empty: it is refused), or a piece of a stream."""
+    """Received bytes: a datagram, or a piece of a stream."""
 
     data: bytes
     arrival_ns: int
@@ -171,7 +169,7 @@ class _Packet(NamedTuple):
 
 
 class _Udp:
-    """Datagrams with the kernel's arrival stamps, and the count of those it had no room for.
+    """Datagrams with the kernel's arrival stamps.
 
     A listener answers the last accepted sender. A sender is connected to its address: the kernel
     drops the datagrams of others.
@@ -181,9 +179,8 @@ class _Udp:
     """A packet begins and ends with frames."""
     opened = 0
 
-    def __init__(self, url: Url, clock: Clock, counters: Counters) -> None:
-        self._clock, self._counters = clock, counters
-        self._overflowed = 0
+    def __init__(self, url: Url, clock: Clock) -> None:
+        self._clock = clock
         self._listens = url.kind == "udpin"
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -208,7 +205,8 @@ class _Udp:
     def read(self) -> _Packet | None:
         """Return the next datagram; None: nothing more for now."""
         try:
-            data, ancillary, flags, sender = self._socket.recvmsg(_MAX_DATAGRAM, _ANCILLARY)
+            room = socket.CMSG_SPACE(_STAMP.size)
+            data, ancillary, _, sender = self._socket.recvmsg(_MAX_DATAGRAM, room)
         except BlockingIOError:
             return None
         except OSError:  # told by the network that nobody listens there: the next read goes on
@@ -218,13 +216,6 @@ class _Udp:
             if kind == _SO_TIMESTAMPNS and len(value) == _STAMP.size:
                 seconds, rest = _STAMP.unpack(value)
                 arrival_ns = seconds * SECOND_NS + rest
-            elif kind == _SO_RXQ_OVFL and len(value) == _COUNT.size:
-                (total,) = _COUNT.unpack(value)
-                self._counters["dropped"] += (total - self._overflowed) & 0xFFFFFFFF
-                self._overflowed = total
-        if flags & socket.MSG_TRUNC:
-            self._counters["oversized"] += 1
-            data = b""
         return _Packet(data, arrival_ns or self._clock(), sender)
 
     def write(self, data: bytes, peer: Any) -> str:
@@ -355,8 +346,7 @@ class _Stream:
 class _TcpServer(_Stream):
     """A TCP server with one client; others are turned away as long as it is there."""
 
-    def __init__(self, url: Url, clock: Clock, counters: Counters) -> None:
-        self._counters = counters
+    def __init__(self, url: Url, clock: Clock) -> None:
         self._listener = socket.create_server(url[1:])
         self._listener.setblocking(False)
         self.address = self._listener.getsockname()
@@ -385,7 +375,6 @@ class _TcpServer(_Stream):
         except OSError:
             return
         if self._file is not None:
-            self._counters["dropped"] += 1
             client.close()
             return
         client.setblocking(False)
@@ -418,9 +407,7 @@ def _open_serial(url: Url) -> Any:
     return port
 
 
-def open_transport(
-    text: str, clock: Clock, counters: Counters, allow_remote: bool
-) -> _Udp | _Stream:
+def open_transport(text: str, clock: Clock, allow_remote: bool) -> _Udp | _Stream:
     """Open what a URL names; without `allow_remote` an address of this machine alone.
 
     Raises:
@@ -429,9 +416,9 @@ def open_transport(
     url = parse_url(text, allow_remote)
     try:
         if url.kind in ("udpin", "udpout"):
-            return _Udp(url, clock, counters)
+            return _Udp(url, clock)
         if url.kind == "tcpin":
-            return _TcpServer(url, clock, counters)
+            return _TcpServer(url, clock)
         return _Stream(url, clock)
     except (OSError, termios.error) as error:
         number = error.args[0] if error.args else None  # termios.error has no errno
@@ -460,8 +447,6 @@ COUNTED = {
     "unsigned": "frames without a signature, where there is a key",
     "bad_signature": "frames signed with another key",
     "replayed": "signed frames with a timestamp that is not newer",
-    "dropped": "datagrams the kernel had no room for, TCP clients beside the first",
-    "oversized": "datagrams longer than MAVLink's can be",
     "no_peer": "messages not sent: nobody is there yet",
     "send_failed": "messages not sent: no room, no way, or a value that does not fit its field",
 }
@@ -641,7 +626,7 @@ class Link:
             self.mav.set_key(key, link_id, clock())
         self._closed = False
         peer = parse_url(f"udpout://{default_peer}", allow_remote) if default_peer else None
-        self._transport = open_transport(url, clock, self.counters, allow_remote)
+        self._transport = open_transport(url, clock, allow_remote)
         self._opened = 0
         if peer is not None:
             self._transport.peer = peer[1:]
