@@ -167,6 +167,15 @@ def test_parameters_for_a_loss_are_set_with_consent():
 
 
 @pytest.mark.slow
+def test_a_restart_is_asked_for_where_px4_needs_one():
+    wrong = {"EKF2_HGT_REF": 1, "EKF2_EV_CTRL": 0}
+    flight = Flight({"EKF2_HGT_REF": 3.0, "EKF2_EV_CTRL": 15.0}, px4=wrong).run(5.0)
+    assert flight.out.faults["parameters_at_start"].startswith("EKF2_HGT_REF changed: restart")
+    flight = Flight({"EKF2_HGT_REF": 3.0}).run(5.0)
+    assert "parameters_at_start" not in flight.out.faults
+
+
+@pytest.mark.slow
 def test_ending_in_flight_it_asks_px4_to_land():
     assert Flight().run(3.0).bridge.shutdown_command() is None
     flight = hovering()

@@ -305,8 +305,6 @@ class Bridge:
 
     def tick(self, now_ns: int) -> BridgeOutput:
         """Decide; return the messages to send and to publish."""
-        for text in self.message_decoder.take_expired(now_ns):
-            self._say(text)
         out, self._out = self._out, BridgeOutput()
         self._follow_clock(now_ns, out)
         self._answer_timesync(now_ns, out)

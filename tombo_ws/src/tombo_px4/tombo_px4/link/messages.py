@@ -288,7 +288,6 @@ class EstimatorStatusFlags(NamedTuple):
 
 _FULL = 50
 """A piece of this length is followed by another one [characters]."""
-_PATIENCE_NS = 1_000_000_000
 _MOST_PIECES = 8
 
 
@@ -322,12 +321,6 @@ class StatusTextAssembler:
             return _status_text(arrival_ns, severity, joined)
         self._begun[number] = StatusText(arrival_ns, severity, joined)
         return None
-
-    def take_expired(self, now_ns: int) -> list[StatusText]:
-        """Return incomplete texts that have waited for a second."""
-        texts = self._begun.items()
-        late = [number for number, text in texts if now_ns - text.arrival_ns > _PATIENCE_NS]
-        return [_status_text(*self._begun.pop(number)) for number in late]
 
 
 def _status_text(arrival_ns: int, severity: int, text: str) -> StatusText:
@@ -381,10 +374,6 @@ class MessageDecoder:
             reason = "unreadable"
         self.refused[f"{kind}.{reason}"] += 1
         return None
-
-    def take_expired(self, now_ns: int) -> list[StatusText]:
-        """Return texts whose missing pieces are overdue."""
-        return self._chunks.take_expired(now_ns)
 
     def _times(self, boot_ns: int, arrival_ns: int) -> tuple[int, int | None, int]:
         """Return arrival, stamp by our clock (None while it is not known) and time since boot.
