@@ -33,7 +33,7 @@ def test_channels_of_the_suites_messages_have_the_units_and_widths_of_their_fiel
         name: one.metadata
         for name, channel in CHANNELS.items()
         if channel.topic in TOPICS and TOPICS[channel.topic].typename in FORMS
-        for one in fields(FORMS[TOPICS[channel.topic].typename].kind)
+        for one in fields(FORMS[TOPICS[channel.topic].typename])
         if one.name == channel.field
     }
     assert set(held) == {"position", "attitude", "gyro", "accel", "rotor_command"}

@@ -41,7 +41,7 @@ def assert_equal(a, b):
 def test_message_survives_bytes_to_the_last_bit(typename):
     codec = MessageCodec(typename)
     for seed in range(3):
-        message = filled(FORMS[typename].kind, seed)
+        message = filled(FORMS[typename], seed)
         data = codec.encode(message)
         assert_equal(codec.decode(data), message)
         table = columns_of(typename, [data], known_types())
@@ -50,7 +50,7 @@ def test_message_survives_bytes_to_the_last_bit(typename):
 
 @pytest.mark.parametrize("typename", sorted(set(FORMS) - {"tombo_msgs/msg/MissionStatus"}))
 def test_columns_give_the_same_bytes_as_one_message(typename):
-    message = filled(FORMS[typename].kind, 1)
+    message = filled(FORMS[typename], 1)
     types = {"int": np.int64, "float": np.float64, "bool": np.bool_, "Array": np.float64}
     columns = {
         one.name: np.array(2 * [getattr(message, one.name)], types[one.type])

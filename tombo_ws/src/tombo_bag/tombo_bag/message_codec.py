@@ -77,41 +77,16 @@ class _Part:
         return self.count == 0 and not self.is_time
 
 
-@dataclass(frozen=True)
-class Form:
-    """The form of a message, for its dataclass."""
-
-    kind: type
-    frames: Mapping[str, str]
-    """Path → frame, without fields of the dataclass."""
-    values: Mapping[str, Any]
-    """Other constant fields of the message."""
-    any_frame: bool
-    """Messages of another frame are taken too: a status says nothing in a frame."""
-
-
 _FRAME_ID = "header.frame_id"
 _HEADER = {"stamp_ns": "header.stamp", "frame_id": _FRAME_ID}
-
-
-def _form(kind: Any) -> Form:
-    fixed: dict[str, Any] = dict(getattr(kind, "fixed", {}))
-    frames = {_FRAME_ID: kind.frame} if hasattr(kind, "frame") else {}
-    frames |= {path: value for path, value in fixed.items() if isinstance(value, str)}
-    values = {path: value for path, value in fixed.items() if path not in frames}
-    return Form(kind, frames, values, kind.__name__.endswith("Status"))
-
-
-FORMS = {
-    messages.typename_of(kind): _form(kind)
-    for kind in (*messages.STANDARD_MESSAGES, *messages.MESSAGES)
+FORMS: Mapping[str, Any] = {
+    messages.typename_of(kind): kind for kind in (*messages.STANDARD_MESSAGES, *messages.MESSAGES)
 }
-"""Type name → form of its messages."""
+"""Type name → dataclass of its messages."""
 
 
-@cache
-def form_of(typename: str) -> Form:
-    """Return the form of a type's messages.
+def dataclass_of(typename: str) -> Any:
+    """Return the dataclass of a type's messages.
 
     Raises:
         InputError: no core takes or gives this type.
@@ -121,13 +96,26 @@ def form_of(typename: str) -> Form:
     return FORMS[typename]
 
 
+def _constants(kind: Any) -> dict[str, Any]:
+    """Return path → value, of the fields of a message that its dataclass does not have."""
+    frame = {_FRAME_ID: kind.frame} if hasattr(kind, "frame") else {}
+    return {**frame, **getattr(kind, "fixed", {})}
+
+
+def _frames(kind: Any) -> dict[str, str]:
+    """Return path → frame that messages must have; a status says nothing in a frame."""
+    if kind.__name__.endswith("Status"):
+        return {}
+    return {path: v for path, v in _constants(kind).items() if isinstance(v, str)}
+
+
 @cache
 def _parts(typename: str) -> tuple[_Part, ...]:
     """Return a part for each field of a type's dataclass, in their order."""
     paths = {
         field.name: field.metadata.get("path")
         or _HEADER.get(field.name, field.name.removesuffix("_ns"))
-        for field in fields(form_of(typename).kind)
+        for field in fields(dataclass_of(typename))
     }
     return tuple(_part(typename, name, path) for name, path in paths.items())
 
@@ -154,8 +142,7 @@ class _Shape:
     """Messages of a type with the same lengths of texts, by the fields of the dataclass."""
 
     def __init__(self, typename: str, shape: Layout) -> None:
-        form = form_of(typename)
-        self._kind, self._parts = form.kind, _parts(typename)
+        self._kind, self._parts = dataclass_of(typename), _parts(typename)
         leaves = {leaf.path: leaf for leaf in shape.leaves}
         at = [leaves[f"{part.path}.sec" if part.is_time else part.path] for part in self._parts]
         types = [
@@ -172,9 +159,9 @@ class _Shape:
         )
         self._template = shape.template
         self.frames: dict[str, str] = {}
-        """Path → frame in the messages, where it must be as in the form."""
+        """Path → frame in the messages, where it must be that of the dataclass."""
         self._marks = [(at, shape.template[at : at + 4]) for at in (0, *shape.counts)]
-        for path in () if form.any_frame else form.frames:
+        for path in _frames(self._kind):
             begin, size = leaves[path].offset, leaves[path].dtype.itemsize
             self._marks.append((begin, shape.template[begin : begin + size]))
             self.frames[path] = self._marks[-1][1].decode("utf-8", "replace")
@@ -216,14 +203,14 @@ class MessageCodec:
     """Reads and writes the messages of one type."""
 
     def __init__(self, typename: str) -> None:
-        """Look up the form of the type's messages.
+        """Look up the dataclass of the type's messages.
 
         Raises:
             InputError: no core takes or gives this type.
         """
         self.typename = typename
-        self._form = form_of(typename)
-        self._names = [field.name for field in fields(self._form.kind)]
+        self._frames = _frames(dataclass_of(typename))
+        self._names = [field.name for field in fields(dataclass_of(typename))]
         self._times = [part.name for part in _parts(typename) if part.is_time]
         self._texts = {part.path: part.name for part in _parts(typename) if part.is_text}
         self._read: list[_Shape] = []
@@ -240,8 +227,8 @@ class MessageCodec:
                 return shape.read(data)
         shape = _Shape(self.typename, layout_of(self.typename, data, known_types()))
         for path, text in shape.frames.items():
-            if text.lstrip("/") != self._form.frames[path]:
-                raise InputError(f"{path} is '{text}'; accepted: '{self._form.frames[path]}'")
+            if text.lstrip("/") != self._frames[path]:
+                raise InputError(f"{path} is '{text}'; accepted: '{self._frames[path]}'")
         self._read = [shape, *self._read[: _SHAPES - 1]]
         return shape.read(data)
 
@@ -267,7 +254,7 @@ def fields_of(typename: str, table: ColumnTable) -> TopicColumns:
     x, y, z (and w) are one column (N, 3) or (N, 4); a time is one of nanoseconds.
     """
     form = FORMS.get(typename)
-    known = () if form is None else fields(form.kind)
+    known = () if form is None else fields(form)
     names = {field.metadata["path"]: field.name for field in known if "path" in field.metadata}
     names |= dict(zip(POSE_TYPES.get(typename, ()), ("position", "attitude"), strict=False))
     columns = TopicColumns(getattr(table, "topic", typename), {}, names)
@@ -295,7 +282,7 @@ def _axes(outer: str, table: ColumnTable) -> str:
 
 def messages_of(typename: str, table: ColumnTable) -> list[Any]:
     """Return the messages of a recorded topic, read as columns, as dataclasses."""
-    return as_messages(form_of(typename).kind, fields_of(typename, table))
+    return as_messages(dataclass_of(typename), fields_of(typename, table))
 
 
 def as_messages(kind: type[_Kind], columns: Mapping[str, NDArray[Any]]) -> list[_Kind]:
@@ -324,31 +311,24 @@ def encoded(typename: str, columns: Mapping[str, NDArray[Any]]) -> Any:
         columns: (N,) or (N, k), the fields of the dataclass by name; missing fields are 0.
             A frame that the dataclass holds is map.
     """
-    form = form_of(typename)
     if any(values.dtype.kind == "U" for values in columns.values()):
         codec = MessageCodec(typename)
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-        return [codec.encode(form.kind(**dict(zip(columns, row, strict=True)))) for row in rows]
+        return [
+            codec.encode(dataclass_of(typename)(**dict(zip(columns, row, strict=True))))
+            for row in rows
+        ]
     texts = {part.path: FRAME_MAP for part in _parts(typename) if part.path == _FRAME_ID}
     return _shape_with(typename, texts).write(columns, len(columns["stamp_ns"]))
 
 
 def _shape_with(typename: str, texts: Mapping[str, str]) -> _Shape:
     """Return the shape of messages with these texts, by their paths."""
-    form = form_of(typename)
-    return _Shape(typename, layout(typename, _nested({**form.frames, **texts}, form.values)))
-
-
-def _nested(texts: Mapping[str, str], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a template with strings at their paths."""
-    nested: dict[str, Any] = dict(values)
-    for path, text in texts.items():
+    nested: dict[str, Any] = {}
+    for path, value in {**_constants(dataclass_of(typename)), **texts}.items():
         outer, _, inner = path.rpartition(".")
-        if outer:
-            nested[outer] = {inner: text}
-        else:
-            nested[inner] = text
-    return nested
+        (nested.setdefault(outer, {}) if outer else nested)[inner] = value
+    return _Shape(typename, layout(typename, nested))
 
 
 def _values(column: NDArray[Any]) -> list[Any]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tombo_bag.message_codec import form_of
+from tombo_bag.message_codec import dataclass_of
 from tombo_bag.topics import TOPICS
 from tombo_control.controller_core import ControllerCore
 from tombo_dynamics.messages import Phase, neutral
@@ -49,7 +49,7 @@ class Hovering:
         return EPOCH_NS + self.tick * TICK_NS
 
     def message(self, topic: str, **changed: Any) -> Any:
-        message = neutral(form_of(TOPICS[topic].typename).kind, self.now_ns)
+        message = neutral(dataclass_of(TOPICS[topic].typename), self.now_ns)
         phase = {"phase": int(Phase.APPROACH)} if hasattr(message, "phase") else {}
         return replace(message, **{**phase, **changed})
 

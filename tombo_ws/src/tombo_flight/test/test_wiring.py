@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tombo_bag.message_codec import form_of
+from tombo_bag.message_codec import dataclass_of
 from tombo_bag.topics import TOPICS
 from tombo_control.controller_core import ControllerCore
 from tombo_dynamics.core import Core, CoreRunner
@@ -24,7 +24,7 @@ IMU, COMMAND, ODOMETRY = "/imu/data_raw", "/rotor_command", "/odometry"
 @pytest.mark.parametrize("core", CORES, ids=lambda core: core.name)
 def test_core_says_what_it_takes_and_publishes(core: type[Core]):
     for topic in (*core.inputs, *core.outputs):
-        assert form_of(TOPICS[topic].typename)
+        assert dataclass_of(TOPICS[topic].typename)
     for topic in core.inputs:
         published = (*SENSORS, *OPERATOR, *(name for other in CORES for name in other.outputs))
         assert topic in published, topic
@@ -47,10 +47,10 @@ def test_core_takes_neutral_messages_and_publishes_what_it_says(kind: type[Core]
     for tick in range(200):
         now_ns = EPOCH_NS + tick * TICK_NS
         for topic in core.inputs:
-            core.on(topic, neutral(form_of(TOPICS[topic].typename).kind, now_ns), now_ns)
+            core.on(topic, neutral(dataclass_of(TOPICS[topic].typename), now_ns), now_ns)
         for topic, message in core.step(now_ns):
             topics.add(topic)
-            assert isinstance(message, form_of(TOPICS[topic].typename).kind)
+            assert isinstance(message, dataclass_of(TOPICS[topic].typename))
     assert topics <= set(core.outputs)
     assert topics
 
@@ -77,7 +77,7 @@ class Relay(Core):
 
     def step(self, now_ns):
         self.steps.append(now_ns)
-        return [(self.outputs[0], neutral(form_of(TOPICS[self.outputs[0]].typename).kind, now_ns))]
+        return [(self.outputs[0], neutral(dataclass_of(TOPICS[self.outputs[0]].typename), now_ns))]
 
 
 class Listener(Relay):
@@ -120,7 +120,7 @@ def test_messages_of_a_tick_are_handed_over_in_the_order_of_the_inputs():
     core.inputs = ("/setpoint", IMU)
     runner = CoreRunner(core)
     runner.take(IMU, neutral(Imu, 1))
-    runner.take("/setpoint", neutral(form_of(TOPICS["/setpoint"].typename).kind, 2))
+    runner.take("/setpoint", neutral(dataclass_of(TOPICS["/setpoint"].typename), 2))
     runner.run(7)
     assert [stamp for stamp, _ in core.taken] == [2, 1]
 

@@ -53,7 +53,7 @@ def _plain(value: Any) -> Any:
 @pytest.mark.parametrize("typename", sorted(FORMS))
 @given(data=st.data())
 def test_rclpy_reads_what_was_written_and_the_other_way_round(typename, data):
-    codec, kind = MessageCodec(typename), FORMS[typename].kind
+    codec, kind = MessageCodec(typename), FORMS[typename]
     sent = _drawn(kind, data)
     message = deserialize_message(codec.encode(sent), message_class(typename))
     for declared, part in zip(fields(kind), _parts(typename), strict=True):

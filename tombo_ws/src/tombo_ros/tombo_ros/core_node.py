@@ -12,7 +12,7 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from tombo_bag.message_codec import MessageCodec, form_of
+from tombo_bag.message_codec import MessageCodec, dataclass_of
 from tombo_bag.topics import MOCAP_POSE, TOPICS, TopicSpec
 from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.errors import InputError
@@ -278,7 +278,7 @@ class CoreNode(LoopNode):
 
 def warm_up(core: Core) -> None:
     """Load all compiled code of a core before its first message, by a short run."""
-    kinds = [(topic, form_of(TOPICS[topic].typename).kind) for topic in core.inputs]
+    kinds = [(topic, dataclass_of(TOPICS[topic].typename)) for topic in core.inputs]
     for tick in range(_WARM_UP_TICKS):
         now_ns = SECOND_NS + tick * TICK_NS
         for topic, kind in kinds:

@@ -184,7 +184,7 @@ def _unit(signal: str) -> str:
     """Return the unit of a signal by the dataclass of its topic's messages."""
     topic, _, field = signal.partition(".")
     form = FORMS.get(TOPICS[topic].typename) if topic in TOPICS else None
-    known = None if form is None else record_of(form.kind).fields.get(field.partition(".")[0])
+    known = None if form is None else record_of(form).fields.get(field.partition(".")[0])
     return known.unit if known is not None and known.unit != "1" else ""
 
 
