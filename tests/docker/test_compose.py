@@ -39,12 +39,6 @@ def test_together_they_start_every_node_once_and_look_whether_it_runs():
         assert sorted(service["environment"]["TOMBO_NODES"].split()) == sorted(launched(service))
 
 
-def test_the_healthcheck_of_the_flight_over_mavlink_looks_for_executables():
-    source = (LAUNCH / "px4.launch.py").read_text() + (LAUNCH / "collision.launch.py").read_text()
-    for name in SERVICES["px4_suite"]["environment"]["TOMBO_NODES"].split():
-        assert f'"{name}_node"' in source or f'"{name}"' in source
-
-
 @pytest.mark.parametrize("name", OURS)
 def test_a_command_is_one_that_exists(name: str):
     ros2, verb, package, what, *arguments = OURS[name]["command"]
@@ -82,12 +76,3 @@ def test_a_container_hears_the_others_keeps_time_and_is_stopped_gently(name: str
     assert service["ulimits"]["rtprio"] >= max(wanted) and service["cap_add"] == ["SYS_NICE"]
     assert service["stop_signal"] == "SIGINT"  # as Ctrl-C
     assert re.fullmatch(r"[1-9]\d*s", service["stop_grace_period"])
-
-
-def test_the_bag_lands_on_the_host():
-    recorder = SERVICES["recorder"]
-    (volume,) = recorder["volumes"]
-    host, inside = volume.split(":")
-    assert (FILE.parent / host).resolve() == ROOT / "runs"
-    folder = recorder["command"][4].partition(":=")[2]
-    assert inside == f"/opt/tombo/{folder.partition('/')[0]}"

@@ -67,14 +67,6 @@ def test_what_is_copied_is_there_and_not_ignored(source: str):
     assert not any(fnmatch(Path(source).name, pattern) for pattern in dropped)
 
 
-def test_every_manifest_is_there_before_the_sources():
-    """So that an edit of the code does not install everything again."""
-    base = [rest for word, rest in stages()["base"] if word == "COPY"]
-    for package in PACKAGES:
-        assert f"tombo_ws/src/{package}/package.xml manifests/{package}/" in base
-    assert not any(rest.startswith("tombo_ws/src/ ") for rest in base)
-
-
 def test_what_runs_is_not_root_and_has_tried_its_nodes():
     for name in ("run", "foxglove"):
         assert [rest for word, rest in stages()[name] if word == "USER"][-1] == "tombo"

@@ -107,10 +107,3 @@ def test_a_reaction_of_ones_own_is_flown_with_its_parameters(monkeypatch):
     for flight in (named, given):
         x_c, x_r = (np.array(flight.summary[key]) for key in ("x_c_m", "x_r_m"))
         assert x_c - x_r == pytest.approx([1.25, 0.0, 0.0], abs=1e-5)
-
-
-def test_bad_input_names_what_is_accepted():
-    with pytest.raises(tombo.InputError, match="did you mean 'mass'"):
-        tombo.fly("hover", **{"vehicle.mas": 1.0})
-    with pytest.raises(tombo.InputError, match="hover"):
-        tombo.fly("hovver")

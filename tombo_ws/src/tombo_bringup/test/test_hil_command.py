@@ -81,16 +81,6 @@ def test_px4_flies_and_ctrl_c_ends_it_with_0(started):
     assert any("PX4 has connected: flight 1 begins" in line for line in started.lines)
 
 
-@pytest.mark.slow
-def test_a_px4_that_left_is_told(started):
-    process = started.hil("--speed", "0", "hover")
-    started.px4(1.0)
-    started.read(process, "PX4 has left at 1.0")
-    assert started.lines[-1].startswith("! ")
-    assert started.stop(process) == (0, "")
-    assert started.lines[-1] == "stopped after 1 flights"
-
-
 def test_a_busy_port_is_one_line_and_2(refused):
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

@@ -194,13 +194,3 @@ def test_a_suite_that_is_started_again_is_another_flight():
     assert session.sought(), "pages are not told to begin again"
     assert again["marks"]["x_c_m"] is None and again["state"] == {"phase": "idle"}
     assert session.hello()["frames"] == [again]
-
-
-@pytest.mark.parametrize("rows", [[2, 1, 0], [1, 2, 0]])
-def test_messages_are_played_in_the_order_in_which_they_came(rows):
-    t = np.array([0.0, 1.0, 2.0, np.nan])[[*rows, 3]]
-    position = np.column_stack([t, t, t])
-    playback = Playback(Flight({MOCAP_POSE.name: Topic.of(t, {"position": position})}, "x"))
-    assert (playback.first_s, playback.last_s) == (0.0, 2.0)
-    heights = [message.fields["position"][2] for _ in range(3) for message in playback.step(0.9)]
-    assert heights == [0.0, 1.0, 2.0]

@@ -49,10 +49,6 @@ SCORED = {
         {"parameter_error_median": 0.03, "parameter_error_p90": 0.076,
          "parameter_error_chance_median": 0.5, "coverage_95": 5 / 6},
     ),
-    "an error of nothing counts": (
-        [row(parameters={"wind": {"error": e, "covered": []}}) for e in (0.0, 0.0, 0.3)],
-        {"parameter_error_median": 0.0},
-    ),
 }  # fmt: skip
 
 

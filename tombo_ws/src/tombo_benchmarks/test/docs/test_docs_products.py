@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from types import SimpleNamespace
 
 import yaml
 from PIL import Image
@@ -14,7 +13,6 @@ from tombo_benchmarks.docs.evidence_pictures import TABLES
 from tombo_benchmarks.docs.markdown import marked, table_rows
 from tombo_benchmarks.docs.products import CAMPAIGN, PRODUCTS, campaign_table, two_modes
 from tombo_benchmarks.docs.site_source import arrows
-from tombo_benchmarks.docs.tables import wiring_mermaid
 
 
 def test_tables_of_the_pages_are_what_the_code_gives(tmp_path):
@@ -56,20 +54,6 @@ def test_every_page_is_in_the_index_of_the_site():
 def test_readme_has_the_figures_of_the_campaign():
     values = yaml.load((ROOT / CAMPAIGN).read_text(), Loader=yaml.BaseLoader)
     assert marked((ROOT / "README.md").read_text(), "campaign") == campaign_table(values)
-
-
-def test_wiring_is_drawn_with_an_arrow_per_publisher_and_subscriber():
-    core = SimpleNamespace
-    cores = [
-        core(name="estimator", inputs=("/pose", "/imu"), outputs=("/odometry",)),
-        core(name="controller", inputs=("/imu", "/odometry"), outputs=("/command",)),
-    ]
-    assert wiring_mermaid(cores, ("/pose", "/imu"), "/command").splitlines()[2:-1] == [
-        '    sim -- "pose<br/>imu" --> estimator',
-        '    sim -- "imu" --> controller',
-        '    estimator -- "odometry" --> controller',
-        '    controller -- "command" --> sim',
-    ]
 
 
 def test_the_site_has_a_row_for_each_arrow_of_a_diagram():

@@ -45,7 +45,6 @@ def test_no_random_sequence_violates_anything() -> None:
     ("fault", "lasts_s", "state", "by"),
     [
         (Fault.MOCAP, None, SafetyState.LATCHED, Condition.TOUCHDOWN),
-        (Fault.ESTIMATOR, None, SafetyState.LATCHED, Condition.TOUCHDOWN),
         (Fault.REACTION, None, SafetyState.LATCHED, Condition.TOUCHDOWN),
         (Fault.MISSION, None, SafetyState.LATCHED, Condition.TOUCHDOWN),
         (Fault.SETPOINT_FAR, None, SafetyState.LATCHED, Condition.TOUCHDOWN),

@@ -68,13 +68,6 @@ def test_a_folder_without_flights_is_refused(tmp_path, capsys):
     assert "no flights there; accepted: a folder with" in capsys.readouterr().err
 
 
-def test_the_page_is_not_written_over_by_the_json(tmp_path, capsys):
-    with pytest.raises(SystemExit) as left:
-        run(["benchmark", "real", "-o", str(tmp_path / "real.html")])
-    assert left.value.code == 2 and "accepted: another ending" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.skipif(not (DATA / "crazypad").is_dir(), reason=f"no {DATA / 'crazypad'}")
 def test_trials_hold_no_flight_against_itself():
     listed = trials(DATA)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
-from tombo_benchmarks.speed import __main__ as command
 from tombo_benchmarks.speed.kernel_flight import contact_time, fly_whole, new_flight, stretches
 from tombo_benchmarks.speed.speed_measurements import batch_steps, kernel_steps, training_ticks
 from tombo_dynamics.records import numbers
@@ -44,17 +41,3 @@ def test_rates_are_positive():
     assert kernel_steps(runs=1) > 0.0
     assert batch_steps(2, vehicles=2, runs=1) > 0.0
     assert training_ticks(2, vehicles=2, runs=1, steps=20) > 0.0
-
-
-@pytest.mark.parametrize("arguments", [["--json"], []])
-def test_the_command_prints_every_figure(monkeypatch, capsys, arguments):
-    figures = {row[0]: 1.5e6 for row in command._ROWS}
-    monkeypatch.setattr(command, "measure", lambda said: figures)
-
-    command.main(arguments)
-
-    out = capsys.readouterr().out
-    if arguments:
-        assert json.loads(out) == figures
-    else:
-        assert "at least 3" in out

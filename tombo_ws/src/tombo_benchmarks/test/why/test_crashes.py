@@ -19,12 +19,6 @@ ORDERS = json.loads((RECORDINGS / "orders.json").read_text())
 SEEDS = {order["kind"]: tuple(order["seed"]) for order in ORDERS}
 
 
-def test_a_crash_is_drawn_alike_from_its_seed_and_sizes_differ():
-    once, again, other = (Mishap.draw("killed", np.random.default_rng(seed)) for seed in (1, 1, 2))
-    assert once == again
-    assert once.size != other.size
-
-
 def test_a_stopped_vehicle_falls_freely_from_the_time_of_the_mishap():
     mishap = Mishap.draw("killed", np.random.default_rng(SEEDS["killed"]))
     rows, start = read_crash(RECORDINGS / "killed.npz")

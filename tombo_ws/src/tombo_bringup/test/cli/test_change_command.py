@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from log_writers import table_text
 
-from tombo_bag.flight import Series
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.scenario import load_scenario
-from tombo_logs.readers.log_reader import read_logs
 
 ONE_VEHICLE = "effects.thrust_scatter.deviation=0"
 
@@ -49,32 +45,3 @@ def test_a_weak_propeller_hidden_in_a_flight_of_the_suite_is_found(tombo, tmp_pa
     assert shown.out.startswith("Nothing has changed that these flights show")
     names = {str(p.relative_to(tmp_path / "out")) for p in (tmp_path / "out").rglob("*.*")}
     assert names == {"diagnosis.json", "report.html"}
-
-
-CHANNELS = ("position", "attitude", "gyro", "accel", "rotor_command", "voltage")
-
-
-def changed_table(source, target, channel, change):
-    """Write a flight of the suite as a table, one channel of it changed."""
-    (log,) = read_logs([Path(source)])
-    series = log.series[channel]
-    new = {**log.series, channel: Series(series.t, change(series.values))}
-    Path(target).write_text(table_text(log.with_series(new), CHANNELS))
-
-
-@pytest.mark.slow
-def test_a_fault_of_a_log_leads_the_answer(tombo):
-    """Healthy flights and one whose gyro is in degrees, or whose motors are in another order."""
-    before = fly_before()
-    again = fly("again", 8)
-    changed_table(again, "degrees.csv", "gyro", np.degrees)
-    changed_table(again, "swapped.csv", "rotor_command", lambda v: v[:, [1, 0, 2, 3]])
-    result = tombo("diagnose", "degrees.csv", "--healthy", before, "-o", "out", "--no-report")
-    assert result.code == 0, result.err
-    first = " ".join(result.out.split())
-    assert first.startswith("Fault in the log degrees; nothing has changed")
-    assert "gyro: rates of" in first and "gyro and accel are left out" in first
-    swapped = tombo("diagnose", "swapped.csv", "--healthy", before)
-    assert swapped.code == 2 and swapped.err.count("\n") == 1
-    for words in ("flight 'swapped'", "rotor_command", "turns the vehicle otherwise"):
-        assert words in swapped.err

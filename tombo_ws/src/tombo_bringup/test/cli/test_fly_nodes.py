@@ -22,7 +22,6 @@ from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite import nodes, running
 from tombo_flight.suite.node_diagnostics import node_metrics, too_slow
-from tombo_flight.suite.node_flight import FlightMonitor
 
 SHORT = ("hover", "--set", "duration=3")
 
@@ -181,37 +180,3 @@ def test_ctrl_c_keeps_what_was_flown(fly, tmp_path):
     assert result.code == 130
     assert result.json["interrupted"]
     assert names(tmp_path / "out") == {"flight.mcap", "summary.json", "scenario.yaml"}
-
-
-@pytest.mark.slow
-def test_ctrl_c_before_anything_is_recorded_leaves_nothing(fly, tmp_path):
-    result = fly("--set", "duration=300", flight="early", recorder="fake_good")
-
-    assert (result.code, result.out, result.err) == (130, "", "")
-    assert names(tmp_path) == set()
-
-
-def state(t_s: float, height_m: float, phase: int | None) -> dict[str, Any]:
-    stamp_ns = 1_790_000_000 * SECOND_NS + round(t_s * SECOND_NS)
-    return {"stamp_ns": stamp_ns, "height_m": height_m, "upright": 1.0, "phase": phase}
-
-
-IDLE = (0.0, 0.18, 0)
-
-
-@pytest.mark.parametrize(
-    ("states", "over"),
-    [
-        ([IDLE, (5.0, 2.0, 2), (20.0, 0.18, 7), (20.9, 0.18, 7), (21.01, 0.18, 7)], True),
-        ([IDLE, (9.0, 0.1, 0), (10.0, 2.0, 3), (11.0, 0.1, 3), (12.6, 0.1, 3)], True),
-        ([IDLE, (10.0, 2.0, 3), (11.0, 0.1, 6), (20.0, 0.1, 6)], False),
-        ([IDLE, (39.9, 2.0, 2), (40.1, 2.0, 2)], True),
-    ],
-    ids=["a second after landing", "soon after a crash", "on the ground to land", "time is up"],
-)
-def test_a_flight_is_over_with_its_last_state(states, over):
-    found = FlightMonitor(load_scenario("hover", ["duration=40"]))
-    for one in states:
-        assert not found.over
-        found.see(state(*one))
-    assert found.over == over

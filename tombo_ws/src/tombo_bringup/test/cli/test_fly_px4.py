@@ -33,12 +33,8 @@ from tombo_flight.suite.px4_flight import BridgeMonitor
         ("hover --px4 --json", "hover --px4=lab --json"),
         ("--px4 udpin://127.0.0.1:14540 hover", "--px4=udpin://127.0.0.1:14540 hover"),
         ("--px4=serial:///dev/ttyACM0:57600", "--px4=serial:///dev/ttyACM0:57600"),
-        ("--px4 x://y --px4", "--px4=x://y --px4=lab"),
-        ("--px4 runs/a://b", "--px4=lab runs/a://b"),
         ("--px4 udp.yaml", "--px4=lab udp.yaml"),
         ("--seed 3 -- --px4 a://b", "--seed 3 -- --px4 a://b"),
-        ("hover", "hover"),
-        ("", ""),
     ],
 )
 def test_the_url_may_be_left_out(words: str, wanted: str):

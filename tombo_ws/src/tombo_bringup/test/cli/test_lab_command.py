@@ -105,12 +105,6 @@ def test_what_a_lab_lacks_is_said(tombo, tmp_path):
     assert "px4.url" in lacks["PX4"]
 
 
-def test_the_environment_names_the_file_for_commands_that_take_one(tombo, tmp_path, monkeypatch):
-    monkeypatch.setenv("TOMBO_LAB", str(lab_file(tmp_path, volume={"x_max": "wide"})))
-    assert "volume.x_max" in tombo("fly", "hover", "-o", "flown").err
-    assert tombo("list", "scenarios").code == 0
-
-
 def test_a_command_that_takes_no_lab_says_so(refused, tmp_path):
     lab_file(tmp_path)
     refused(("why", "--lab", "lab.yaml", "x.mcap"), "No such option: --lab")

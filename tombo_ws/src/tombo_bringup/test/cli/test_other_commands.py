@@ -92,14 +92,6 @@ def test_what_only_lists_loads_no_model(arguments):
     assert run.returncode == 0, run.stderr
 
 
-@pytest.mark.slow
-def test_a_permeable_obstacle_is_warned_of(tombo):
-    words = ("fly", "--set", "effects.contact_force.stiffness=0", "--set", "duration=1", "--json")
-    result = tombo(*words)
-    assert result.code == 0
-    assert result.err.startswith("Warning: the obstacle is permeable")
-
-
 def test_the_help_lists_few_commands_and_names_all_others(tombo):
     text = " ".join(re.sub("[^ -~]", " ", tombo("--help").out).split())
     group = typer.main.get_command(application())

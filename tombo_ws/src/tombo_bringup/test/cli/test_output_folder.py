@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
-from pathlib import Path
 
 import pytest
 from suite_bench import names
 
-from tombo_dynamics.errors import InputError
 from tombo_flight import flight_output
 from tombo_flight.process.output_folder import open_output
-from tombo_flight.report import flight_plot
 
 SHORT = ("hover", "--set", "duration=0.3")
 
@@ -27,21 +24,6 @@ def test_no_run_replaces_another_one_by_default(tombo, tmp_path):
 
     assert names(tmp_path / "runs") == {"hover-0", "hover-0-2"}
     assert all(names(folder) == FILES for folder in (tmp_path / "runs").iterdir())
-
-
-def test_two_runs_at_once_get_a_folder_each(tmp_path):
-    with (
-        open_output(tmp_path / "runs" / "o", replace=False, numbered=True) as one,
-        open_output(tmp_path / "runs" / "o", replace=False, numbered=True) as other,
-    ):
-        for folder, text in ((one, "one"), (other, "other")):
-            (folder / "summary.json").write_text(text)
-            folder.publish()
-
-    assert one.path == tmp_path / "runs" / "o"
-    assert (one.path / "summary.json").read_text() == "one"
-    assert (other.path / "summary.json").read_text() == "other"
-    assert names(tmp_path / "runs") == {"o", "o-2"}
 
 
 def test_a_numbered_folder_of_a_run_that_failed_is_gone(tmp_path):
@@ -105,37 +87,3 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(refused, monkeypatch):
         "runs/hover-0",
         "MB are free",
     )
-
-
-@pytest.mark.slow
-def test_a_failure_keeps_the_results_of_the_flight_before(tombo, tmp_path, monkeypatch):
-    assert tombo("fly", *SHORT, "-o", "o").code == 0
-    folder = tmp_path / "o"
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-
-    def bug(*records):
-        raise RuntimeError("a bug")
-
-    monkeypatch.setattr(flight_plot, "draw_flight", bug)
-    with pytest.raises(RuntimeError, match="a bug"):
-        tombo("fly", *SHORT, "-o", "o", "--force")
-
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-
-
-def test_a_folder_that_somebody_else_fills_meanwhile_is_not_touched(tmp_path):
-    def fill(target: Path) -> None:
-        target.mkdir()
-        (target / "theirs").write_text("theirs")
-
-    with (
-        pytest.raises(InputError, match=r"not empty.*results are in .*o-2"),
-        open_output(tmp_path / "o", replace=False) as folder,
-    ):
-        (folder / "summary.json").write_text("ours")
-        fill(tmp_path / "o")
-        folder.publish()
-
-    assert names(tmp_path) == {"o", "o-2"}
-    assert names(tmp_path / "o") == {"theirs"}
-    assert (tmp_path / "o-2" / "summary.json").read_text() == "ours"

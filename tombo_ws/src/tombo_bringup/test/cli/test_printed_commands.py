@@ -40,11 +40,3 @@ def test_the_commands_of_a_diagnosis_with_another_vehicle(tombo):
     assert result.code == 0, result.err
     assert "--vehicle px4_x500" in result.out
     assert run_printed(tombo, result.out) == ["fly"]
-
-
-def test_the_command_of_the_worst_flight(tombo):
-    fixed = ("--set", "propeller.conf=0", "--set", "duration=26", "--workers", "1", "-o", "r")
-    drawn = ("mission.approach_speed=uniform(0.7,0.2)", "--design", "lhs", "--samples", "3")
-    result = tombo("sweep", "paper_collision", *fixed, *drawn)
-    assert result.code == 0, result.err
-    assert run_printed(tombo, result.out) == ["fly"]

@@ -55,13 +55,7 @@ def test_own_library(tombo, refused, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("before", "command"),
-    [
-        (["--library", "lib"], "design"),
-        (["--law", "consistent"], "reproduce"),
-        (["--json"], "reproduce"),
-        (["--conf", "13"], "design"),
-    ],
+    ("before", "command"), [(["--library", "lib"], "design"), (["--conf", "13"], "design")]
 )
 def test_an_option_before_a_sub_command_is_refused(refused, before: list[str], command: str):
     refused(("propeller", *before, command), f"options before {command}", "accepted")

@@ -24,11 +24,6 @@ def log(tmp_path):
     return [str(path), "--mapping", str(mapping)]
 
 
-def test_the_figures_of_a_log(tombo, log):
-    figures = tombo("report", *log, "--json").json["logs"][0]["figures"]
-    assert figures["poses [Hz]"] == pytest.approx(10.0)
-
-
 def test_the_page_is_in_a_folder_as_the_results_of_other_commands(tombo, log, tmp_path):
     assert tombo("report", *log).code == 0
     assert tombo("report", *log).code == 0

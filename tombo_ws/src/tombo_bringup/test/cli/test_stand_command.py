@@ -70,21 +70,6 @@ def test_a_gain_is_found_written_and_then_no_finding_any_more(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_new_finding_is_added_to_the_model_that_was_given(run, tmp_path):
-    given = {"thrust_gain": {"error": 0.15}}
-    path = table(tmp_path / "a.csv", gain=1.15, tare=0.08)
-    result = run(path, "--model", write_model(tmp_path, given), "-o", tmp_path / "out")
-    assert result.code == 0, result.out
-    written = yaml.safe_load((tmp_path / "out/stand_model.yaml").read_text())["effects"]
-    assert list(written) == ["thrust_gain", "thrust_tare"]
-    assert written["thrust_gain"]["parameters"]["error"]["value"] == 0.15
-    tare = written["thrust_tare"]["parameters"]["offset"]["value"]
-    assert tare == pytest.approx(0.08, abs=0.01)
-    again = run(path, "--model", tmp_path / "out/stand_model.yaml", "--json")
-    assert again.json["verdict"] == "none"
-
-
-@pytest.mark.slow
 def test_the_table_of_the_paper_leaves_a_set_and_says_what_separates_it(run):
     diagnosis = run(Path(__file__).parents[5] / "examples/table3.csv", "--json").json
     assert diagnosis["verdict"] == "set"

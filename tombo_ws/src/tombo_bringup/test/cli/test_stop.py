@@ -18,7 +18,6 @@ from suite_bench import names, wait_for
 
 from in_time import in_time
 from tombo_flight.process.stop_signals import Stopped, StopSignals
-from tombo_flight.report import flight_plot
 
 Start = Callable[..., "subprocess.Popen[str]"]
 LONG = ("hover", "--set", "duration=300", "--set", "mission.land_time=290")
@@ -115,20 +114,6 @@ def test_ctrl_c_ends_a_sweep_with_all_its_processes(start, tmp_path):
     with in_time():
         wait_for(lambda: not alive_in_session(process.pid), 2.0)
     assert names(tmp_path) <= {"out"}
-
-
-def test_ctrl_c_while_drawing_keeps_flight_and_summary(tombo, tmp_path, monkeypatch):
-    def draw(*records):
-        os.kill(os.getpid(), signal.SIGINT)
-        return pytest.fail("not stopped")
-
-    monkeypatch.setattr(flight_plot, "draw_flight", draw)
-
-    result = tombo("fly", "hover", "--set", "duration=0.5", "-o", "out", "--json")
-
-    assert result.code == 130
-    assert names(tmp_path / "out") == {"flight.mcap", "summary.json", "scenario.yaml"}
-    assert result.json["interrupted"] is False
 
 
 def test_signals_are_remembered_then_raised_and_given_back():

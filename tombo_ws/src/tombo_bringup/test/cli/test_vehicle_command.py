@@ -63,14 +63,6 @@ def test_a_new_vehicle_is_written_and_flies(tombo, tmp_path):
     assert not summary["crashed"] and summary["conf"] is None
 
 
-def test_a_file_is_replaced_by_force_only(tombo, refused, tmp_path):
-    (tmp_path / "mine.yaml").write_text("precious")
-    refused(("vehicle", "new", "mine.yaml", *NEW), "exists", "--force")
-    assert (tmp_path / "mine.yaml").read_text() == "precious"
-    assert tombo("vehicle", "new", "mine.yaml", *NEW, "--force").code == 0
-    assert "Mine" in (tmp_path / "mine.yaml").read_text()
-
-
 def test_unknown_vehicles_are_refused(refused):
     refused(("vehicle", "show", "px4_x50"), "px4_x50", "did you mean 'px4_x500'")
     refused(("fly", "hover", "--vehicle", "nothing.yaml"), "nothing.yaml", "can't be read")
