@@ -27,6 +27,12 @@ class Share:
     package: str
 
 
+@dataclass(kw_only=True)
+class Executable:
+    executable: str
+    package: str
+
+
 @dataclass
 class NotEquals:
     left: Any
@@ -67,6 +73,13 @@ class Include:
     condition: If | None = field(kw_only=True)
 
 
+@dataclass
+class Process:
+    cmd: list[Any]
+    output: str = "log"
+    condition: If | None = None
+
+
 @dataclass(kw_only=True)
 class Node:
     executable: Any
@@ -88,7 +101,11 @@ class Description:
 
 MODULES: dict[str, dict[str, Any]] = {
     "launch": {"LaunchDescription": Description},
-    "launch.actions": {"DeclareLaunchArgument": Argument, "IncludeLaunchDescription": Include},
+    "launch.actions": {
+        "DeclareLaunchArgument": Argument,
+        "ExecuteProcess": Process,
+        "IncludeLaunchDescription": Include,
+    },
     "launch.conditions": {"IfCondition": If, "UnlessCondition": Unless},
     "launch.launch_description_sources": {"PythonLaunchDescriptionSource": Source},
     "launch.substitutions": {
@@ -98,7 +115,7 @@ MODULES: dict[str, dict[str, Any]] = {
     "launch_ros": {},
     "launch_ros.actions": {"Node": Node},
     "launch_ros.parameter_descriptions": {"ParameterValue": Value},
-    "launch_ros.substitutions": {"FindPackageShare": Share},
+    "launch_ros.substitutions": {"ExecutableInPackage": Executable, "FindPackageShare": Share},
 }
 
 
@@ -151,8 +168,11 @@ def launch(file: str, **given: str) -> list[Started]:
             unknown = handed.keys() - arguments_of(path.name).keys()
             assert not unknown, f"{path.name} has no argument {unknown}"
             started += launch(path.name, **handed)
-        else:
+        elif isinstance(entity, Node):
             started.append(as_started(entity, context))
+        else:
+            words = [text(word, context) for word in entity.cmd]
+            started.append(Started("", "", "", [], {}, words))
     return started
 
 
@@ -161,6 +181,8 @@ def text(value: Any, context: dict[str, str]) -> str:
         return context[value.name]
     if isinstance(value, Share):
         return str(SRC / value.package)
+    if isinstance(value, Executable):
+        return f"lib/{value.package}/{value.executable}"
     if isinstance(value, list | tuple):
         return "".join(text(part, context) for part in value)
     if isinstance(value, NotEquals):

@@ -46,7 +46,7 @@ def names(started: list) -> list[str]:
 
 
 def test_there_are_the_files_that_the_docs_name():
-    assert set(LAUNCHED) == set(FILES)
+    assert {*LAUNCHED, "fly.launch.py", "multi.launch.py"} == set(FILES)
 
 
 @pytest.mark.parametrize("file", LAUNCHED)
@@ -156,3 +156,11 @@ def test_the_page_names_every_argument(page: str, file: str, of_another_page: tu
         *map(bench.arguments_of, of_another_page)
     ):
         assert f"`{name}`" in text or f"{name}:=" in text, name
+
+
+@pytest.mark.parametrize(
+    ("file", "words"), [("fly", "fly hover --seed 3"), ("multi", "up hover --vehicles 2 --seed 3")]
+)
+def test_a_command_is_run_with_its_arguments(file: str, words: str):
+    (process,) = bench.launch(f"{file}.launch.py", scenario="hover", seed="3")
+    assert " ".join(process.words).startswith(f"lib/tombo_bringup/tombo {words} -o runs/")

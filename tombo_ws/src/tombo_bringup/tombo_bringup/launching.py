@@ -5,15 +5,16 @@ Only launch files import this: `launch` and `launch_ros` come with a standard RO
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
 from launch import LaunchDescription
 
@@ -28,16 +29,27 @@ COMMON: dict[str, tuple[Any, str]] = {
     "use_sim_time": ("false", "true: follow /clock, which the simulator publishes"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
 }
-"""Arguments of every launch file of the suite: name -> default, meaning."""
+"""Arguments of every launch file that starts nodes: name -> default, meaning."""
+NEW_FOLDER = time.strftime("runs/launched-%Y%m%d-%H%M%S")
 
 
 def description(actions: Sequence[Any], more: Mapping[str, tuple[Any, str]] | None = None) -> Any:
     """Return a launch description: the common arguments, some more, and the actions."""
-    declared = [
+    return LaunchDescription([*_declared({**COMMON, **(more or {})}), *actions])
+
+
+def command(words: Sequence[Any], arguments: Mapping[str, tuple[Any, str]]) -> Any:
+    """Return a launch description that runs `tombo` with words, some of them arguments."""
+    tombo = ExecutableInPackage(executable="tombo", package=PACKAGE)
+    run = ExecuteProcess(cmd=[tombo, *words], output="screen")
+    return LaunchDescription([*_declared(arguments), run])
+
+
+def _declared(arguments: Mapping[str, tuple[Any, str]]) -> list[Any]:
+    return [
         DeclareLaunchArgument(name, default_value=default, description=text)
-        for name, (default, text) in {**COMMON, **(more or {})}.items()
+        for name, (default, text) in arguments.items()
     ]
-    return LaunchDescription([*declared, *actions])
 
 
 def suite_node(package: str, name: str, **more: Any) -> Any:

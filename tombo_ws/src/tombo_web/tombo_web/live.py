@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,8 @@ class Address:
     host: str
     port: int
     """0: a free one."""
+    foxglove: int | None = None
+    """Port of Foxglove's server; None: without."""
 
 
 def serve_live(
@@ -41,9 +44,17 @@ def serve_live(
     Raises:
         InputError: a port is taken, or the address is not this machine's.
     """
+    with ExitStack() as stack:
 
-    def application(access: Access) -> Starlette:
-        session = LiveSession(source, title, obstacle)
-        return LiveServer(session, access, live_page(title, scenario or {})).app
+        def application(access: Access) -> Starlette:
+            session, publish = LiveSession(source, title, obstacle), None
+            if address.foxglove is not None:
+                from tombo_web.foxglove_stream import FoxgloveStream
 
-    serve_page("live", address.host, address.port, application)
+                stream = stack.enter_context(
+                    closing(FoxgloveStream(address.host, address.foxglove))
+                )
+                publish = stream.publish
+            return LiveServer(session, access, live_page(title, scenario or {}), publish).app
+
+        serve_page("live", address.host, address.port, application)

@@ -1,6 +1,6 @@
 """The live page of a running suite, or of a lab's own nodes.
 
-python -m tombo_web.live_node '{"host": …, "port": …, "names": {…}}'
+python -m tombo_web.live_node '{"host": …, "port": …, "foxglove": …, "names": {…}}'
 """
 
 from __future__ import annotations

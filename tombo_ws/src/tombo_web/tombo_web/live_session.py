@@ -40,6 +40,8 @@ class LiveSession:
         self.source = source
         self.recent: deque[dict[str, Any]] = deque(maxlen=round(FRAME_HZ * _HISTORY_S))
         """The last frames, for a page that comes later."""
+        self.messages: list[TopicMessage] = []
+        """Those of the last frame."""
         self._title, self._obstacle = title, obstacle
         self._view = LiveView()
         self._picked: dict[str, None] = {}
@@ -117,7 +119,8 @@ class LiveSession:
         return [] if answers is None else answers()
 
     def _take(self, messages: Iterable[TopicMessage]) -> None:
-        for message in messages:
+        self.messages = list(messages)
+        for message in self.messages:
             if self._view.begins_again(message):
                 self._forget()
                 self._sought = True

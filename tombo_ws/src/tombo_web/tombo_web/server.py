@@ -143,17 +143,25 @@ def page_response(access: Access, request: Request, page: str) -> Response:
 class LiveServer:
     """Makes frames at 30 Hz and sends them to every page."""
 
-    def __init__(self, session: LiveSession, access: Access, page: str) -> None:
+    def __init__(
+        self,
+        session: LiveSession,
+        access: Access,
+        page: str,
+        publish: Callable[[LiveSession], None] | None = None,
+    ) -> None:
         """Serve a session.
 
         Args:
             session: source and view.
             access: who may see and command.
             page: the HTML text.
+            publish: called after each frame, as to pass the messages on to Foxglove.
         """
         self._session, self._access, self._page = session, access, page
+        self._publish = publish
         self._clients: set[asyncio.Queue[str]] = set()
-        self._begun = not session.source.seekable
+        self._begun = not session.source.seekable or publish is not None
         """A recording is played from when the first page is open."""
         self.app = Starlette(
             routes=[Route("/", self._index), WebSocketRoute("/stream", self._stream)],
@@ -176,6 +184,8 @@ class LiveServer:
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             now = time.monotonic()
             frame, last = self._session.advance(now - last if self._begun else 0.0), now
+            if self._publish is not None:
+                self._publish(self._session)
             for answer in self._session.answers():
                 self._send(answer)
             if self._session.sought():

@@ -32,7 +32,7 @@ def blind(monkeypatch):
     asked: list[Any] = []
     module = types.ModuleType("tombo_benchmarks.diagnosis.flight_evaluation")
 
-    def benchmark(cases, seed, workers, progress, stop):
+    def benchmark(cases, seed, workers, progress, stop, kept):
         asked.append((cases, seed, workers))
         progress("1 of 1 cases", 1.0)
         return Scored()

@@ -14,6 +14,7 @@ from tombo_bringup.first_flight.checks import (
     battery_lack,
     blockers_of,
     check_axes,
+    clock_lack,
     fall_of,
     fence_lack,
     kill_lack,
@@ -32,6 +33,7 @@ LIMITS = {"BAT_LOW_THR": 0.2, "BAT_CRIT_THR": 0.1, "BAT_EMERGEN_THR": 0.05, "COM
 TURNED = ["front_right ccw", "rear_left ccw", "front_left cw", "rear_right cw"]
 FENCE = {"GF_ACTION": 5, "GF_MAX_HOR_DIST": 4.0, "GF_MAX_VER_DIST": 3.0}
 NET = FlightVolume(x_min=-2.0, x_max=2.0, y_min=-1.5, y_max=1.5, z_max=2.5)
+CHRONY = "C0A80101,192.168.1.1,3,0,{},0,0,0,0,0,0,0,0,{}"
 
 
 def test_rotors_in_another_order_or_turning_the_other_way_are_named():
@@ -61,6 +63,12 @@ def test_a_fence_must_be_around_the_volume():
     assert "no volume" in fence_lack(FENCE, FlightVolume())
     assert "GF_MAX_VER_DIST is 0" in fence_lack({**FENCE, "GF_MAX_VER_DIST": 0.0}, NET)
     assert "GF_ACTION is 3" in fence_lack({**FENCE, "GF_ACTION": 3}, NET)
+
+
+def test_a_clock_that_is_not_set_is_named():
+    assert clock_lack(CHRONY.format("0.0001", "Normal")) == ""
+    assert "50.0 ms off" in clock_lack(CHRONY.format("-0.05", "Normal"))
+    assert "no clock" in clock_lack(CHRONY.format("0", "Not synchronised"))
 
 
 @pytest.mark.parametrize(

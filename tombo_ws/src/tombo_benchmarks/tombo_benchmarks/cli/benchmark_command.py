@@ -45,7 +45,7 @@ def diagnosis(drawn: DrawnCases) -> None:
     from tombo_benchmarks.cli.scores import FLIGHTS, score_table
     from tombo_benchmarks.diagnosis.flight_evaluation import benchmark
 
-    drawn.score_drawn(benchmark, 100, partial(score_table, FLIGHTS))
+    drawn.score_drawn("diagnosis", benchmark, 100, partial(score_table, FLIGHTS))
 
 
 def stand(drawn: DrawnCases) -> None:
@@ -58,7 +58,7 @@ def stand(drawn: DrawnCases) -> None:
     from tombo_benchmarks.cli.scores import STANDS, score_table
     from tombo_benchmarks.diagnosis.stand_evaluation import benchmark
 
-    drawn.score_drawn(benchmark, 200, partial(score_table, STANDS))
+    drawn.score_drawn("stand", benchmark, 200, partial(score_table, STANDS))
 
 
 @record
@@ -75,7 +75,8 @@ def foreign(given: _Foreign, scored: Scored) -> None:
     from tombo_benchmarks.diagnosis.foreign_flights import benchmark, cases_in, score_table
 
     cases = cases_in(given.folder)
-    scored.score(partial(benchmark, cases), len(cases), 0, score_table)
+    name = f"foreign {given.folder.resolve()}"
+    scored.score(name, partial(benchmark, cases), len(cases), 0, score_table)
 
 
 @record
@@ -104,15 +105,16 @@ def faults(drawn: DrawnCases, in_flight: _InFlight) -> None:
     nodes = in_flight.nodes
 
     def run(
-        cases: int, seed: int, workers: int, progress: Callable[..., Any], stop: Callable[[], bool]
-    ) -> Any:
-        found = check_faults(cases, seed, workers, progress, stop)
+        cases: int, seed: int, workers: int, progress: Callable[..., Any],
+        stop: Callable[[], bool], kept: Any,
+    ) -> Any:  # fmt: skip
+        found = check_faults(cases, seed, workers, progress, stop, kept)
         if nodes is None or stop():
             return found
         flown = fly_faults(nodes, seed, progress, stop)
         return replace(found, aggregate={**found.aggregate, "nodes": flown})
 
-    drawn.score_drawn(run, 1000, lambda found, cases: fault_lines(found))
+    drawn.score_drawn("faults", run, 1000, lambda found, cases: fault_lines(found))
 
 
 @record
@@ -186,7 +188,8 @@ def real(given: _Real, scored: Scored) -> None:
     """Ask about real flights of known causes, and count right, wrong and withheld answers.
 
     Flights against healthy ones of the vehicle, single logs of mishaps, and healthy flights.
-    With -o the page is written, too: same name, ending .html.
+    With -o the page is written, too: same name, ending .html. A run that is stopped goes on
+    with the same command.
     """
     most, output = given.few, scored.output
     if output is not None and output.suffix == ".html":
@@ -209,7 +212,8 @@ def real(given: _Real, scored: Scored) -> None:
             write_page(output.with_suffix(".html"), real_page(rows, result.aggregate))
         return result
 
-    scored.score(run, len(asked), 0, lambda found, cases: real_page(rows, found))
+    name = "real" if most is None else f"real --few {most}"
+    scored.score(name, run, len(asked), 0, lambda found, cases: real_page(rows, found))
 
 
 @record
@@ -246,7 +250,7 @@ def why(by: _Rotorpy, drawn: DrawnCases) -> None:
     from tombo_benchmarks.cli.scores import crash_table
     from tombo_benchmarks.why.crash_benchmark import benchmark
 
-    drawn.score_drawn(partial(benchmark, by.python()), 200, crash_table)
+    drawn.score_drawn("why", partial(benchmark, by.python()), 200, crash_table)
 
 
 BENCHMARKS: Final = (diagnosis, stand, foreign, faults, mutations, nodes, real, why)

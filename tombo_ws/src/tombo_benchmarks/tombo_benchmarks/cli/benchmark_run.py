@@ -39,6 +39,7 @@ class Scored(Workers, Shown):
 
     def score(
         self,
+        name: str,
         run: Callable[..., Any],
         cases: int,
         seed: int,
@@ -49,15 +50,17 @@ class Scored(Workers, Shown):
         Without a terminal each finished case is a line, if there is an output.
 
         Args:
-            run: (cases, seed, workers, progress, stop) to a BenchmarkResult.
+            name: of the benchmark.
+            run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
             cases: how many.
             seed: of all random draws.
             show: (aggregate, number of cases) to a table, a page or lines.
 
         Raises:
-            typer.Exit: stopped by a signal; the score is that of the cases so far.
+            typer.Exit: stopped by a signal; with an output, `OUTPUT.part` keeps the scores so far.
             OSError: the output can't be written any more.
         """
+        from tombo_benchmarks.cli.journal import Journal
         from tombo_bringup.cli.progress import progress_bar
         from tombo_flight.json_text import as_json as to_json
         from tombo_flight.process.output_folder import write_whole
@@ -65,24 +68,28 @@ class Scored(Workers, Shown):
         from tombo_flight.process.workers import process_count
 
         workers = process_count(self.workers)
+        part = None if self.output is None else self.output.with_name(f"{self.output.name}.part")
+        kept = None if part is None else Journal(part, f"{name} --seed {seed}")
         with StopSignals() as stop, progress_bar() as bar:
 
             def on_progress(stage: str, share: float) -> None:
                 bar(stage, share)
-                if self.output is not None and not sys.stderr.isatty():
+                if part is not None and not sys.stderr.isatty():
                     typer.echo(stage, err=True)  # a run of hours in the background
 
-            result = run(cases, seed, workers, on_progress, stop.asked)
+            result = run(cases, seed, workers, on_progress, stop.asked, kept)
+        if stop.asked():
+            goes_on = f"; the same command goes on with '{part}'" if kept else ""
+            typer.echo(f"Error: interrupted{goes_on}", err=True)
+            raise typer.Exit(stop.exit_code)
         text = to_json({"cases": result.cases, "aggregate": result.aggregate})
-        if self.output is not None:
+        if self.output is not None and part is not None:
             write_whole(self.output, text)
+            part.unlink(missing_ok=True)
         if self.as_json:
             typer.echo(text, nl=False)
         else:
             _print(show(result.aggregate, len(result.cases)))
-        if stop.asked():
-            typer.echo(f"Error: interrupted after {len(result.cases)} cases", err=True)
-            raise typer.Exit(stop.exit_code)
 
 
 @record
@@ -97,13 +104,14 @@ class DrawnCases(Scored, Draw):
 
     def score_drawn(
         self,
+        name: str,
         run: Callable[..., Any],
         usual: int,
         show: Callable[[Mapping[str, Any], int], Table | Page | list[str]],
     ) -> None:
         """Do the same as `score`, with `usual` cases where no number is given."""
         cases = usual if self.cases is None else self.cases
-        self.score(run, cases, self.seed or 0, show)
+        self.score(name, run, cases, self.seed or 0, show)
 
 
 def _print(shown: Table | Page | list[str]) -> None:

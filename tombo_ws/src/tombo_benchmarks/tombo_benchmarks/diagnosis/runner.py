@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableMapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -32,6 +32,7 @@ def run_benchmark(
     workers: int,
     progress: ProgressCallback,
     stop: Callable[[], bool] | None = None,
+    kept: MutableMapping[int, Row] | None = None,
 ) -> BenchmarkResult:
     """Hide, diagnose and score.
 
@@ -43,13 +44,16 @@ def run_benchmark(
         workers: processes.
         progress: called with a stage and the share done.
         stop: asked ten times a second; True ends it with the cases up to the first one missing.
+        kept: number of a case → its score, of an earlier run; gets those of this one.
     """
     # One thread of linear algebra a process: more get into each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    rows: dict[int, Row] = {}
+    rows = {} if kept is None else kept
+    left = [number for number in range(cases) if number not in rows]
+    known = cases - len(left)
     examined = partial(_examined, examine, seed)
-    with closing(run_in_processes(examined, range(cases), min(workers, cases), stop=stop)) as new:
-        for done, (number, row) in enumerate(new, 1):
+    with closing(run_in_processes(examined, left, min(workers, len(left)) or 1, stop=stop)) as new:
+        for done, (number, row) in enumerate(new, known + 1):
             rows[number] = row
             progress(f"case {done} of {cases}", done / cases)
     in_order = [rows[number] for number in takewhile(rows.__contains__, range(cases))]

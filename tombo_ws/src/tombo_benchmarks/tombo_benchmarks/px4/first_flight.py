@@ -36,12 +36,16 @@ _ASKED = ("mocap", "kill_switch", "axes", "propellers", "hover", "kill", "obstac
 FAULTS: Final = {
     "": "", "wrong order of rotors": "rotors", "y up": "mocap", "no kill switch": "kill_switch",
     "old parameters": "parameters", "body that does not move": "mocap", "low battery": "battery",
-    "clock": "clocks", "volume missing": "lab",
+    "clock": "clocks", "chrony without a source": "clocks", "volume missing": "lab",
 }  # fmt: skip
 """Fault → step that must stop it; without a fault all steps are passed.
 
 No simulation shows the order of the rotors: there the person's answer says what was seen.
 """
+_CHRONYC = """#!/bin/sh
+echo 7F7F0101,,0,0,0,0,0,0,0,0,0,0,0,Not synchronised
+"""
+"""Answers as chrony does that follows no clock."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,11 @@ def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops
     if "ROS_DOMAIN_ID" not in environment:
         environment["ROS_DOMAIN_ID"] = str(free_domain(os.getpid(), udp_ports()))
     os.environ.update(environment, XDG_CONFIG_HOME=str(folder / "config"))
+    path = os.environ["PATH"]
+    if fault == "chrony without a source":
+        path = f"{folder}{os.pathsep}{path}"
+        (folder / "chronyc").write_text(_CHRONYC, encoding="ascii")
+        (folder / "chronyc").chmod(0o700)
     values: dict[str, Any] = {
         "effects.mocap_noise.position": 5e-4,
         "effects.mocap_noise.attitude": 1e-3,
@@ -134,7 +143,7 @@ def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops
             stack.enter_context(Px4Process(build, folder / "px4", px4, instance))
         person = stack.enter_context(driver(fault, f"udpout://127.0.0.1:{remote}", system))
         flight = subprocess.Popen(
-            [sys.executable, *command], cwd=folder, text=True,
+            [sys.executable, *command], cwd=folder, text=True, env={**os.environ, "PATH": path},
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
         assert flight.stdout is not None and flight.stderr is not None

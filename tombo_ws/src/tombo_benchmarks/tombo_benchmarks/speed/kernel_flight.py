@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -57,6 +58,23 @@ def fly_with_true_state(
         cascade(autopilot, maps, k)
         plant.rotor_command = setpoint.rotor_speed
         finish_tick(plant, noise, theta)
+
+
+@compiled(inline=False)
+def fly_vehicles(
+    plants: Any,
+    autopilots: Any,
+    maps: RotorMaps,
+    theta: Array,
+    noise: Array,
+    first: int,
+    last: int,
+    start: int,
+    stop: int,
+) -> None:
+    """Fly vehicles `first` to `last` - 1 of arrays from tick `start` to tick `stop`."""
+    for i in range(first, last):
+        fly_with_true_state(plants[i], autopilots[i], maps, theta, noise, start, stop)
 
 
 @dataclass

@@ -22,10 +22,10 @@ def test_a_scenario_is_flown_from_its_file(tmp_path):
     assert live_command._flight(str(path), 1, None, {}).scenario["duration"] == 0.2
 
 
-@pytest.mark.parametrize("absent", ["starlette", "websockets"])
+@pytest.mark.parametrize("absent", ["starlette", "websockets", "foxglove"])
 def test_a_library_of_the_web_that_is_absent_is_named(tombo, monkeypatch, absent):
     for name in [name for name in sys.modules if name.startswith(("tombo_web", f"{absent}."))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, absent, None)
-    result = tombo("live", "absent.mcap")
+    result = tombo("live", "absent.mcap", "--foxglove", "1")
     assert result.code == 2 and "make live" in result.err

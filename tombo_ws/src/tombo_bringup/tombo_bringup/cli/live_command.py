@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.options import argument, command, record
+from tombo_bringup.cli.options import argument, command, option, record
 from tombo_dynamics.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,6 +33,9 @@ class _Source:
         "suite: running nodes, also over PX4, and a lab's own topics. A recording or another log. "
         "A scenario, which is flown headless first.",
         SUITE,
+    )
+    foxglove: int | None = option(
+        "--foxglove PORT", "Serve the same messages to Foxglove too.", bounds=(1, 65535)
     )
 
 
@@ -56,10 +59,13 @@ def live(
         import websockets  # noqa: F401  uvicorn loads it at the first page, too late for a word
 
         from tombo_web.live import Address, serve_live
+
+        if given.foxglove is not None:
+            import tombo_web.foxglove_stream  # noqa: F401
     except ModuleNotFoundError as error:
         raise InputError(f"{error.name} is not installed; accepted: after `make live`") from error
     port = PORT if server.port is None else server.port
-    names, address = reading.names, Address(server.host, port)
+    names, address = reading.names, Address(server.host, port, given.foxglove)
     if source == SUITE:
         text = json.dumps({**vars(address), "names": names})
         os.execv(sys.executable, [sys.executable, "-m", "tombo_web.live_node", text])

@@ -1,7 +1,8 @@
-"""Progress on standard error: a bar, on a terminal only."""
+"""Progress on standard error: a bar on a terminal, elsewhere a line every ten seconds."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
     from tombo_flight.progress import ProgressCallback
 
 _REFRESH_S = 0.1
+_LINE_S = 10.0
+"""Between two lines, and before the first."""
 
 
 @contextmanager
@@ -19,17 +22,18 @@ def progress_bar() -> Iterator[ProgressCallback]:
 
     The bar is gone at the end.
     """
+    if not sys.stderr.isatty():
+        yield _lines()
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    console = Console(stderr=True)
     progress = Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         TimeElapsedColumn(),
-        console=console,
+        console=Console(stderr=True),
         transient=True,
-        disable=not console.is_terminal,
         auto_refresh=False,
     )
     task = progress.add_task("", total=1.0)
@@ -45,3 +49,15 @@ def progress_bar() -> Iterator[ProgressCallback]:
 
     with progress:
         yield on_progress
+
+
+def _lines() -> ProgressCallback:
+    due = time.monotonic() + _LINE_S
+
+    def on_progress(stage: str, share: float) -> None:
+        nonlocal due
+        if (now := time.monotonic()) >= due:
+            due = now + _LINE_S
+            print(f"{stage}, {min(share, 1.0):.0%}", file=sys.stderr, flush=True)
+
+    return on_progress

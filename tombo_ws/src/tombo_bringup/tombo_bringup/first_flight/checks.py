@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import signal
 import subprocess
 import sys
@@ -38,6 +39,8 @@ HOVER, KILL = "hover", "kill"
 """Folders of the two flights."""
 _STAMP_KEYS = ("clock", "arrival_stamps")
 """Findings of `tombo check mocap` that are about clocks."""
+_CLOCK_OFF_S = 2e-3
+"""A vehicle at 1 m/s moves by 2 mm in it: the noise of the poses."""
 _LEAST_CHARGE = 0.5
 """Share of the charge: two flights of a minute end far above PX4's limits."""
 _BATTERY_LIMITS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR", "COM_LOW_BAT_ACT")
@@ -182,10 +185,34 @@ def check_mocap(session: Session) -> Outcome:
 
 
 def check_clocks(session: Session) -> Outcome:
-    """Compare the stamps of the poses with their arrival."""
+    """Compare the stamps with their arrival, and ask chrony where it is installed."""
     findings, _, error = _listen(session, max(0.25 * session.listen_s, 2.0))
     stamps = [text for key, text in findings.items() if key in _STAMP_KEYS]
-    return Outcome(error or "; ".join(stamps), "stamps agree with their arrival")
+    tracking = ""
+    if shutil.which("chronyc"):
+        words = ["chronyc", "-c", "tracking"]
+        tracking = subprocess.run(words, capture_output=True, text=True).stdout
+    lack = error or "; ".join(stamps) or (clock_lack(tracking) if tracking else "")
+    return Outcome(lack, "stamps agree; chrony follows" if tracking else "stamps agree; no chrony")
+
+
+def clock_lack(tracking: str) -> str:
+    """Return why the clock of this computer is not set; "" if it is.
+
+    Args:
+        tracking: line of `chronyc -c tracking`; its fields 4 and 13 are the offset [s] and the
+            leap status (chrony's own documentation).
+    """
+    fields = tracking.strip().split(",")
+    try:
+        offset_s, leap = float(fields[4]), fields[13]
+    except (IndexError, ValueError):
+        return f"chrony says '{tracking.strip()}'; expected: the line of `chronyc -c tracking`"
+    if leap == "Not synchronised":
+        return "chrony follows no clock"
+    if abs(offset_s) > _CLOCK_OFF_S:
+        return f"the clock is {1e3 * offset_s:.1f} ms off; expected: {1e3 * _CLOCK_OFF_S:g} ms"
+    return ""
 
 
 # --- PX4 -----------------------------------------------------------------------------------------

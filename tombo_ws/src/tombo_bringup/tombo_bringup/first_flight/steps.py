@@ -41,7 +41,7 @@ STEPS = (
         "start `tombo mocap --lab FILE`; each mistake names its mend", checks.check_mocap, True,
     ),
     Step(
-        "clocks", "", "stamps of the poses against their arrival",
+        "clocks", "", "stamps against their arrival, and chrony where it is installed",
         "let chrony set the clocks of both computers", checks.check_clocks, True,
     ),
     Step(

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from rich.console import Console
 
 from tombo_bag.columnar_cdr import encode
 from tombo_bag.formats.mcap_sink import Columns, McapSink
@@ -13,7 +14,7 @@ from tombo_bag.recording import Recording
 from tombo_bag.topics import DIAGNOSTICS
 from tombo_dynamics.messages import Phase
 from tombo_flight.suite.node_diagnostics import NodeDiagnostics, figure, node_metrics
-from tombo_flight.suite.status_table import SuiteState, status_line, status_object
+from tombo_flight.suite.status_table import SuiteState, status_line, status_object, status_table
 from tombo_flight.suite.supervisor import ProcessExit
 
 LOOP = {"rate_hz": "250.0", "jitter_p50_us": "2", "jitter_p99_us": "60.5", "missed": "3"}
@@ -48,6 +49,13 @@ def suite(now_s: float = 10.5) -> SuiteState:
     )
 
 
+def shown(of: SuiteState) -> str:
+    console = Console(width=140, force_terminal=False)
+    with console.capture() as capture:
+        console.print(status_table(of))
+    return capture.get()
+
+
 def test_a_report_has_the_node_and_its_loops_apart():
     found = node_diagnostics().nodes["controller"]
 
@@ -60,6 +68,11 @@ def test_a_report_has_the_node_and_its_loops_apart():
     assert math.isnan(figure(found.loops["rate loop"], "nothing"))
 
 
+def test_the_freshest_pose_counts_and_nobody_knowing_is_no_number():
+    assert node_diagnostics().mocap_age_s == 0.031
+    assert math.isnan(NodeDiagnostics().mocap_age_s)
+
+
 def test_a_height_is_not_shown_as_present_once_poses_are_lost():
     flight = {"phase": Phase.HOVER, "height_m": 1.99}
     hovers = replace(suite(), flights={"": (flight, 0.0)})
@@ -68,15 +81,39 @@ def test_a_height_is_not_shown_as_present_once_poses_are_lost():
     assert "no pose for 12 s, last at 1.99 m" in lost and "hover" not in lost
 
 
-def test_a_phase_that_is_not_known_is_said_so():
-    unknown = replace(suite(), flights={"": ({"height_m": 1.234, "phase": None}, 0.0)})
-    assert "; no phase at 1.23 m; " in status_line(unknown)
+def test_a_fault_is_one_line_on_a_narrow_terminal():
+    text = "imu_silent: no gyro sample for 1.2 s; the vehicle descends on the last attitude"
+    found = node_diagnostics()
+    found.take([status("estimator", 2, text[:60], mocap_age_s="0.031")], 10.0)
+    console = Console(width=80, height=24, force_terminal=False)
+    with console.capture() as capture:
+        console.print(status_table(replace(suite(), node_diagnostics=found)))
+    assert f"estimator: {text[:60]}" in capture.get()
+    assert len(capture.get().splitlines()) < 24
+
+
+def test_the_table_shows_every_loop_and_every_trouble():
+    text = shown(suite())
+
+    assert "61 s up, mocap: 31 ms old" in text
+    known = replace(suite(), flights={"": ({"height_m": 1.234, "phase": 3}, 0.0)})
+    assert "61 s up, approach at 1.23 m, mocap: 31 ms old" in shown(known)
+    assert "; approach at 1.23 m; " in status_line(known)
+    assert "no phase at" in shown(
+        replace(known, flights={"": ({"height_m": 1.234, "phase": None}, 0.0)})
+    )
+    lines = {line.split()[0]: line for line in text.splitlines() if line.split()}
+    assert "running" in lines["controller"] and "60 us" in lines["controller"]
+    assert text.count("250.0 Hz") == 2
+    assert "estimator: imu_silent: no gyro" in text
+    assert "starting" in lines["mission"]
+    assert "killed by SIGKILL" in lines["sim"]
 
 
 def test_who_has_said_nothing_for_seconds_is_called_silent():
     assert suite(10.0 + 2.9).state("controller") == "running"
     assert suite(10.0 + 3.1).state("controller") == "silent"
-    assert "controller silent" in status_line(suite(14.0))
+    assert "silent" in shown(suite(14.0))
 
 
 def test_the_line_and_the_object_say_the_same():

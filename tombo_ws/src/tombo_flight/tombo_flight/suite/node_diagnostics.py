@@ -16,6 +16,8 @@ from tombo_flight.suite.nodes import SUITE
 
 SILENT_S: Final = 3.0
 """A node that reports each second is called silent after this time."""
+MOCAP_AGE: Final = "mocap_age_s"
+"""Key of the age of the newest pose, in the report of the nodes that take poses."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,12 @@ class NodeDiagnostics:
                 loops.get(node, {}),
                 heard_s,
             )
+
+    @property
+    def mocap_age_s(self) -> float:
+        """Age of the newest pose as the node knows it that has it freshest; NaN: unknown."""
+        ages = [status.values.get(MOCAP_AGE) for status in self.nodes.values()]
+        return min((float(age) for age in ages if isinstance(age, int | float)), default=math.nan)
 
 
 def _numbers(values: Mapping[str, Any]) -> dict[str, Any]:

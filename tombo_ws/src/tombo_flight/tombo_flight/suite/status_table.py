@@ -1,4 +1,4 @@
-"""State of the suite: a line for people, an object for a program."""
+"""State of the suite: a table for a terminal, a line for a file, an object for a program."""
 
 from __future__ import annotations
 
@@ -7,12 +7,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
 from tombo_dynamics.messages import PHASE_NAMES
-from tombo_flight.suite.node_diagnostics import SILENT_S, NodeDiagnostics, NodeStatus, figure
+from tombo_flight.suite.node_diagnostics import (
+    SILENT_S,
+    NodeDiagnostics,
+    NodeStatus,
+    figure,
+    lateness_text,
+)
 from tombo_flight.suite.supervisor import ProcessExit
 
 _POSE_SILENT_S = 1.0
 """A height that is older says nothing about where the vehicle is."""
+_STYLES = {"running": "green", "starting": "dim", "silent": "bold yellow"}
+_FAULT_STYLES = ("", "yellow", "bold red")
 
 
 @dataclass(frozen=True)
@@ -79,6 +92,32 @@ def _flight_text(flight: Mapping[str, Any], age_s: float) -> str:
     return f"{_phase(flight) or 'no phase'} {height}"
 
 
+def status_table(suite: SuiteState) -> Group:
+    """Return the table, a row a loop; below it what nodes say is wrong, on lines of its own."""
+    age = suite.node_diagnostics.mocap_age_s
+    mocap = "mocap: no message" if math.isnan(age) else f"mocap: {1e3 * age:.0f} ms old"
+    parts = (f"{suite.uptime_s:.0f} s up", suite.flight_text, mocap)
+    title = Text(", ".join(part for part in parts if part))
+    table = Table(box=SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0))
+    for heading in ("node", "state", "loop"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("pid", "rate", "p99 late", "missed"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    faults = []
+    for name, node in suite.nodes().items():
+        runs = node["pid"] is not None
+        if runs and node["level"]:
+            faults.append(Text(f"{name}: {node['faults']}", _FAULT_STYLES[min(node["level"], 2)]))
+        state = Text(node["state"], _STYLES.get(node["state"], "bold red"))
+        head = Text(name, "bold"), state
+        loops = node["loops"] if runs and node["loops"] else {"": {}}
+        pid = str(node["pid"]) if runs else ""
+        for loop, figures in loops.items():
+            table.add_row(*head, "" if len(loops) == 1 else loop, pid, *_cells(figures))
+            head, pid = (Text(), Text()), ""
+    return Group(table, *faults)
+
+
 def status_line(suite: SuiteState) -> str:
     """Return the suite in one line: number of running nodes, and faults."""
     nodes = suite.nodes()
@@ -118,3 +157,12 @@ def _flight_object(flight: Mapping[str, Any], age_s: float) -> dict[str, Any]:
 def _phase(flight: Mapping[str, Any]) -> str:
     phase = flight.get("phase")
     return "" if phase is None else PHASE_NAMES[phase].replace("_", " ")
+
+
+def _cells(loop: Mapping[str, Any]) -> tuple[Text, ...]:
+    rate, late, missed = (figure(loop, key) for key in ("rate_hz", "jitter_p99_us", "missed"))
+    return (
+        Text("" if math.isnan(rate) else f"{rate:.1f} Hz"),
+        Text("" if math.isnan(late) else lateness_text(late)),
+        Text("" if math.isnan(missed) else f"{missed:.0f}", "yellow" if missed > 0 else ""),
+    )

@@ -1,35 +1,52 @@
-"""Output of `tombo up`: lines of text, or JSON lines."""
+"""Output of `tombo up`: lines of text, on a terminal above a live table; or JSON lines."""
 
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, Final
 
+from rich.live import Live
+from rich.text import Text
+
 from tombo_bringup.cli.errors import printable
+from tombo_bringup.cli.tables import console
 
 if TYPE_CHECKING:
     from tombo_flight.suite.status_table import SuiteState
     from tombo_flight.suite.supervisor import ProcessExit
 
-STATUS_S: Final = 5.0
-"""Between two lines of the status."""
+_PRINTED_S: Final = 5.0
+_DRAWN_S: Final = 0.25
 
 
 class Screen:
-    """Prints what happens to a suite as text, or as a JSON object a line, by its event."""
+    """Shows what happens to a suite: text above a table, or a JSON object a line, by its event."""
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
         self._due_s = time.monotonic()
+        self._live: Live | None = None
+        if sys.stdout.isatty() and not as_json:
+            self._live = Live(console=console(), auto_refresh=False, redirect_stderr=False)
+
+    def shown(self) -> AbstractContextManager[object]:
+        """Return the context in which the table is drawn."""
+        return self._live or nullcontext()
 
     def status(self, suite: SuiteState) -> None:
-        """Print the status now and then; called often."""
-        from tombo_flight.suite.status_table import status_line, status_object
+        """Print the status now and then, or draw the table; called often."""
+        from tombo_flight.suite.status_table import status_line, status_object, status_table
 
-        if time.monotonic() >= self._due_s:
-            self._due_s = time.monotonic() + STATUS_S
+        if time.monotonic() < self._due_s:
+            return
+        self._due_s = time.monotonic() + (_DRAWN_S if self._live else _PRINTED_S)
+        if self._live is not None:
+            self._live.update(status_table(suite), refresh=True)
+        else:
             self._put(status_object(suite), status_line(suite))
 
     def warning(self, node: str, line: str) -> None:
@@ -65,8 +82,12 @@ class Screen:
 
         if self._as_json:
             print(json.dumps(plain(event), ensure_ascii=False), flush=True)
-        else:
-            print("\n".join(map(printable, text.split("\n"))), flush=True)
+            return
+        for line in map(printable, text.split("\n")):
+            if self._live is not None:
+                self._live.console.print(Text(line))
+            else:
+                print(line, flush=True)
 
 
 def _plain(end: ProcessExit) -> dict[str, Any]:

@@ -117,7 +117,7 @@ def _watch(config: SuiteConfig, duration_s: float | None, as_json: bool) -> int:
     from tombo_flight.suite.running import LOGS, RunningSuite
 
     screen = Screen(as_json=as_json)
-    with StopSignals(signal.SIGHUP) as stop, Keys() as keys:
+    with StopSignals(signal.SIGHUP) as stop, screen.shown(), Keys() as keys:
         if keys.there:
             screen.notice(HELP)
         with RunningSuite(config) as suite:
