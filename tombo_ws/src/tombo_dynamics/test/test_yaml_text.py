@@ -9,6 +9,8 @@ from tombo_dynamics.yaml_text import LARGEST, parse_yaml, read_yaml
 @pytest.mark.parametrize(
     ("text", "why"),
     [
+        ("a: " + "[" * 100_000, "nested more than 40 deep"),
+        ("a: " + "9" * 5000, "a number of 5000 characters"),
         ("a: 1\nb: 2\na: 3", "line 3: key 'a' twice"),
         ("a: !!timestamp x", "does not fit its tag"),
         ("a: 2020-13-45", "does not fit its tag"),

@@ -1,4 +1,4 @@
-"""YAML as the suite reads it: numbers as in YAML 1.2, no key twice, errors with their line."""
+"""YAML as the suite reads it: bounded, numbers as in YAML 1.2, errors with their line."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ from tombo_dynamics.errors import InputError, shown
 
 LARGEST = 4_000_000
 """Bytes of a file; those of the suite have a few thousand."""
+_DEEPEST = 40
+"""Lists and mappings within each other: the loader in C has no limit of its own."""
+_LONGEST_NUMBER = 64
+"""Characters: any such number is within the range of a float."""
 _C_OR_PYTHON: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is ten times faster
 _C_OR_PYTHON_TEXT: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 _TAG = "tag:yaml.org,2002:"
@@ -67,17 +71,19 @@ def parse_yaml(text: str, what: str, *, as_text: bool = False) -> Any:
         as_text: leave numbers as they are written.
 
     Raises:
-        InputError: it is none, names a key twice, or is larger than any file of the suite.
+        InputError: it is none, names a key twice, or is larger or deeper than any file of the
+            suite.
     """
     if len(text) > LARGEST:
         raise InputError(f"{what}: too large; accepted: YAML of up to {LARGEST} bytes")
     try:
+        _check_depth(text)
         loader = (_C_OR_PYTHON_TEXT if as_text else _Loader)(text)
         try:
             node = loader.get_single_node()
             if node is None:
                 return None
-            _check_keys(node)
+            _check_nodes(node)
             return loader.construct_document(node)
         finally:
             loader.dispose()
@@ -85,8 +91,6 @@ def parse_yaml(text: str, what: str, *, as_text: bool = False) -> Any:
         why, line = _reason(error)
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         why, line = f"a value that does not fit its tag: {error}", ""  # as `!!int ""`
-    except RecursionError:
-        why, line = "it nests too deep", ""
     raise InputError(f"{what} is not valid YAML{line}: {' '.join(why[:200].split())}")
 
 
@@ -99,11 +103,27 @@ def _reason(error: Any) -> tuple[str, str]:
     return why, f" at line {mark.line + 1}" if mark is not None else ""
 
 
-def _check_keys(root: Any) -> None:
-    """Refuse keys that stand twice in a mapping.
+def _check_depth(text: str) -> None:
+    """Refuse lists and mappings that nest too deep, while nothing is built yet.
 
     Raises:
-        yaml.MarkedYAMLError: a key is there twice.
+        yaml.YAMLError: it nests too deep, or is no YAML.
+    """
+    depth = 0
+    event: Any
+    for event in yaml.parse(text, Loader=_C_OR_PYTHON):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            why = f"nested more than {_DEEPEST} deep"
+            raise yaml.MarkedYAMLError(problem=why, problem_mark=event.start_mark)
+
+
+def _check_nodes(root: Any) -> None:
+    """Refuse keys that stand twice in a mapping, and numbers beyond a float.
+
+    Raises:
+        yaml.MarkedYAMLError: a key is there twice, or a number is too long.
     """
     left, seen = [root], set()
     while left:
@@ -113,6 +133,9 @@ def _check_keys(root: Any) -> None:
         seen.add(id(node))
         if isinstance(node, yaml.SequenceNode):
             left += node.value
+        elif node.tag in (f"{_TAG}int", f"{_TAG}float") and len(node.value) > _LONGEST_NUMBER:
+            why = f"a number of {len(node.value)} characters"
+            raise yaml.MarkedYAMLError(problem=why, problem_mark=node.start_mark)
         elif isinstance(node, yaml.MappingNode):
             left += [part for pair in node.value for part in pair]
             keys: set[Hashable] = set()
