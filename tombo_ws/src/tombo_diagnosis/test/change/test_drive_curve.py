@@ -47,12 +47,6 @@ def test_a_battery_that_sags_with_thrust_does_not_flatten_the_curve(compensated)
     assert curve.supply_exponent == pytest.approx(0.0 if compensated else 1.4, abs=0.1)
 
 
-def test_what_flights_do_not_show_stays_and_is_called_uncertain():
-    curve = fit_drive_curve([flight(k, 0.0, (3.8, 3.8)) for k in range(3)], 1.0)
-    assert (curve.exponent, curve.supply_exponent) == pytest.approx((1.0, 0.0), abs=0.05)
-    assert min(curve.deviation) > 0.25
-
-
 def test_the_intervals_hold_the_truth_as_often_as_they_say():
     """Noise that is slow, as of air, and an offset of each flight."""
     off = []

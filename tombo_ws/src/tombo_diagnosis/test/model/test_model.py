@@ -10,7 +10,7 @@ from tombo_diagnosis.diagnosis import VERDICTS, Cause, Diagnosis, FlightSummary
 from tombo_diagnosis.extend_model import model_of
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import FittedParameter, Gain, merge_effects
+from tombo_flight.extended_model import FittedParameter, Gain
 from tombo_flight.model_file import model_from_text, model_text, read_model, write_model
 
 DRAG = Cause(
@@ -112,14 +112,6 @@ def test_a_model_made_from_a_model_keeps_what_it_held():
     assert extended.additions[0].covariance == ()  # of two fits: no covariance in common
     assert extended.origin.extends == "model.yaml"
     assert model(WIND, base=base).additions[0] == base.additions[0]
-
-
-def test_is_laid_over_a_scenario_parameter_by_parameter():
-    scenario = {"steady_wind": {"east": 1.0, "north": 2.0}, "imu_noise": {"gyro": 0.01}}
-    before = {name: dict(values) for name, values in scenario.items()}
-    over = merge_effects(scenario, model(WIND))
-    assert over == {"steady_wind": {"east": 1.5, "north": 2.0}, "imu_noise": {"gyro": 0.01}}
-    assert scenario == before
 
 
 def test_a_file_that_has_lost_its_end_is_never_taken():

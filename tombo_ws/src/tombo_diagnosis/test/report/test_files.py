@@ -66,13 +66,6 @@ def test_values_survive_the_round_trip_and_what_is_not_finite_is_null():
         "value": 0.283, "unit": "N s/m", "nominal": 0.0, "low": 0.2761, "high": None,
     }  # fmt: skip
     assert read["causes"][0]["covariance"] == [[1.3e-5, 2.0e-7], [2.0e-7, 9.1e-4]]
-    assert read["prechecks"][0]["start_s"] is None
-    assert read["prechecks"][2] == {
-        "check": "crash", "severity": "fault", "flight": "circle_3", "channel": "accel",
-        "message": "accel: 2.5 g, then upside down; set apart", "start_s": 25.0, "end_s": 28.5,
-            "key": "", "subject": "", "numbers": [],
-    }  # fmt: skip
-    assert read["separating_experiment"] is None
     assert read["gain"][-1]["low"] is None
     assert read["candidates"][0]["evidence"] == 812.4
     assert read["flights"][1]["missing"] == ["gyro", "accel", "rotor_speed"]

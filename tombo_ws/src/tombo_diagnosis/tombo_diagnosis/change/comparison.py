@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -124,14 +124,7 @@ def spread_of(
         same: the session of these that new flights are of, too; empty: they are of a further one.
         tried: candidates of which the others may accuse a session; none: this is not counted.
     """
-    spread = _spread_of(healthy, sessions, same)
-    if not tried:
-        return spread
-    accused, left_out = _accused_of(healthy, sessions, tried)
-    return replace(spread, left_out=left_out, accused=accused)
-
-
-def _spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str) -> Spread:
+    accused, left_out = _accused_of(healthy, sessions, tried) if tried else (0, 0)
     values = np.array([f.vector for f in healthy])
     names = list(dict.fromkeys(sessions))
     member = np.array([[s == name for s in sessions] for name in names])
@@ -154,10 +147,11 @@ def _spread_of(healthy: Sequence[Features], sessions: Sequence[str], same: str) 
     if same:
         near = [f for f, name in zip(healthy, sessions, strict=True) if name == same]
         none = np.zeros_like(flight)
-        return Spread(mean_of(near), none, flight, degrees, len(near), n)
+        return Spread(mean_of(near), none, flight, degrees, len(near), n, left_out, accused)
     session = (moved.T @ moved + _PRIOR_SESSIONS * prior) / (_PRIOR_SESSIONS + n - 1.0)
     mean = Features(middle, mean_of(healthy).supply)
-    return Spread(mean, session, flight, SESSION_DEGREES + n - 1.0, count, n)
+    degrees = SESSION_DEGREES + n - 1.0
+    return Spread(mean, session, flight, degrees, count, n, left_out, accused)
 
 
 def compare(
@@ -252,7 +246,7 @@ def _accused_of(
     accused = 0
     for name in names:
         rest = [k for k, unit in enumerate(units) if unit != name]
-        spread = _spread_of(
+        spread = spread_of(
             [healthy[k] for k in rest], [sessions[k] for k in rest], sessions[0] if alone else ""
         )
         left_out = [f for f, unit in zip(healthy, units, strict=True) if unit == name]

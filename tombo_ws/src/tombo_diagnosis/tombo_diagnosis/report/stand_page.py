@@ -80,7 +80,7 @@ def stand_page(stand: StandDiagnosis) -> Page:
         [
             Section("What would settle it", _settling(diagnosis)),
             Section("The gap", [Picture(partial(draw_residuals, stand), caption)], "page"),
-            Section("k_T and what limits it", [] if k is None else _constant(k)),
+            Section("k_T", [] if k is None else _constant(k)),
             *cause_sections(diagnosis),
         ],
         eyebrow="Tombo thrust stand",
@@ -93,9 +93,7 @@ def _settling(diagnosis: Diagnosis) -> list[Item]:
     """Return what to measure next; nothing if no question is open."""
     experiment = diagnosis.separating_experiment
     steps = {
-        "unknown": "Look below: over which speeds does the residual grow, in which channel? "
-        "Check mount, cable and cell, then measure again with another propeller.",
-        "partly_explained": "Look below at what is left: where does it still grow with speed?",
+        "unknown": "Check mount, cable and cell, then measure again with another propeller.",
         "named": "Measure once more at speeds these runs do not have, with --model "
         "stand_model.yaml: the verdict should be none."
         if extends(of_other_runs(diagnosis))
@@ -106,13 +104,15 @@ def _settling(diagnosis: Diagnosis) -> list[Item]:
 
 
 def _constant(k: ThrustConstant) -> list[Item]:
-    """Return k_T with its interval and what limits it."""
-    text = (
-        f"k_T = {k.k_T:.4g} N s² by rotor, 95 % {k.low:.4g} to {k.high:.4g}; with a "
-        f"free zero {k.with_offset:.4g} (zero at {k.offset_N:.2g} N)."
-    )
-    rows = [(limit.cause, percent(limit.share, 2)) for limit in k.limits]
-    return [Text([text]), Table(("what limits it", "of k_T"), rows, "limits")]
+    """Return k_T with its interval, with a free zero, and of each run."""
+    rows = [
+        ("all runs", f"{k.k_T:.4g} N s²", f"{k.low:.4g} to {k.high:.4g}", "0"),
+        (f"zero at {k.offset_N:.2g} N", f"{k.with_offset:.4g} N s²", "",
+         percent(k.with_offset / k.k_T - 1.0, 2)),
+        *((run, f"{k_T:.4g} N s²", "", percent(k_T / k.k_T - 1.0, 2))
+          for run, k_T in k.runs.items() if len(k.runs) > 1),
+    ]  # fmt: skip
+    return [Table(("k_T by rotor", "value", "95 % interval", "off by"), rows, "limits")]
 
 
 def draw_residuals(stand: StandDiagnosis) -> Figure:

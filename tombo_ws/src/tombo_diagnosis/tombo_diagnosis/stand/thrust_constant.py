@@ -1,4 +1,4 @@
-"""The thrust constant of a plain propeller: k_T with interval, and what limits it."""
+"""The thrust constant of a plain propeller: k_T with interval, of all runs and of each."""
 
 from __future__ import annotations
 
@@ -18,15 +18,6 @@ _BOOTSTRAP_SAMPLES = 2000
 
 
 @dataclass(frozen=True)
-class Limit:
-    """One thing that bounds how well k_T is known."""
-
-    cause: str
-    share: float
-    """Of k_T, one way."""
-
-
-@dataclass(frozen=True)
 class ThrustConstant:
     """T = k_T omega^2, of one rotor."""
 
@@ -42,8 +33,6 @@ class ThrustConstant:
     """Power of the speed that fits best, with a zero at standstill."""
     runs: dict[str, float]
     """k_T of each run."""
-    limits: tuple[Limit, ...]
-    """What limits it, the largest first."""
 
 
 def thrust_constant(points: OperatingPoints) -> ThrustConstant:
@@ -62,17 +51,7 @@ def thrust_constant(points: OperatingPoints) -> ThrustConstant:
         for n, name in enumerate(points.runs)
         if (run == n).any()
     }
-    limits = [
-        Limit("chance between blocks of the run (half the interval)", 0.5 * (high - low) / k),
-        Limit("zero: k_T with a free zero against one through standstill", abs(sloped / k - 1.0)),
-    ]
-    if len(runs) > 1:
-        share = 0.5 * float(np.ptp(list(runs.values()))) / k
-        limits.append(Limit("between runs (half the range)", share))
-    return ThrustConstant(
-        k, low, high, float(sloped), float(offset), exponent, runs,
-        tuple(sorted(limits, key=lambda each: -each.share)),
-    )  # fmt: skip
+    return ThrustConstant(k, low, high, float(sloped), float(offset), exponent, runs)
 
 
 def _bootstrap(x: Array, y: Array, run: Numbers, elapsed: Array) -> tuple[float, float]:

@@ -116,21 +116,13 @@ def _refuse_twice(tables: Sequence[StandTable]) -> None:
 
 
 def _check_enough(points: OperatingPoints, tables: Sequence[StandTable]) -> None:
-    """Refuse what leaves fewer than three points.
-
-    Raises:
-        InputError: so few lie where the law is valid.
-    """
     valid = np.isfinite(points.readings) & np.isfinite(predict(points.setup, {}))
     left = int(valid.any(axis=1).sum())
     if left < _MIN_POINTS:
-        speed = points.setup.speed / RPM
-        span = f"{speed.min():.0f} to {speed.max():.0f} rpm"
         names = ", ".join(t.name for t in tables[:3])
         raise InputError(
-            f"{names}: {left} of {points.count} points ({span}) lie where law "
-            f"{points.setup.law} is valid; accepted: {_MIN_POINTS} or more: is the speed's "
-            "unit right?"
+            f"{names}: {left} of {points.count} points lie where law {points.setup.law} is valid; "
+            f"accepted: {_MIN_POINTS} or more: is the speed's unit right?"
         )
 
 
