@@ -8,6 +8,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
 
 from tombo_bag.flight import Flight
 from tombo_diagnosis.change.features import Features
@@ -82,14 +83,7 @@ def _date(flight: Flight) -> str:
 
 def sessions_by_demand(flights: Sequence[Features]) -> list[str]:
     """Return a session for each flight: flights of similar demand (single linkage)."""
-    left, names = list(range(len(flights))), [""] * len(flights)
-    demand = np.array([f.demand for f in flights])
-    while left:
-        chain = [left.pop(0)]
-        for k in chain:
-            near = [j for j in left if np.linalg.norm(demand[j] - demand[k]) < ALIKE]
-            chain += near
-            left = [j for j in left if j not in near]
-        for k in chain:
-            names[k] = f"session {chain[0] + 1}"
-    return names
+    if len(flights) < 2:
+        return ["session 1"] * len(flights)
+    apart = linkage(np.array([f.demand for f in flights]), "single")
+    return [f"session {k}" for k in fcluster(apart, ALIKE, "distance")]

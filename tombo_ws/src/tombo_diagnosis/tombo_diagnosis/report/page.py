@@ -24,7 +24,7 @@ from tombo_diagnosis.diagnosis import (
 )
 from tombo_diagnosis.extend_model import extends
 from tombo_diagnosis.report import figures, residual_data
-from tombo_diagnosis.report.residual_data import Pair, corrected, rms
+from tombo_diagnosis.report.residual_data import corrected, rms
 from tombo_diagnosis.report.words import (
     LEFTOVER_UNITS,
     STYLES,
@@ -169,7 +169,9 @@ def _gap(diagnosis: Diagnosis) -> list[Item]:
     residuals = groups[pair.channel] if pair else next(iter(groups.values()))
     pictures = [_channel_picture(diagnosis, residuals, "Against time")]
     if pair is not None:
-        pictures.insert(0, _pair_picture(pair))
+        draw, caption = partial(figures.draw_pair, pair), "Mean in slices with 95 % interval"
+        against = f"{display_name(pair.channel)} against {display_name(pair.driver)}"
+        pictures.insert(0, Picture(draw, caption, against, "narrow"))
     name, text = capital(display_name(residuals[0].channel)), _rms_text(residuals)
     noise = residual_data.noise_of(residuals)
     if math.isfinite(noise):
@@ -179,15 +181,6 @@ def _gap(diagnosis: Diagnosis) -> list[Item]:
         Group(pictures, "figures"),
         Text([f"{name}: {text}, all flights together."]),
     ]
-
-
-def _pair_picture(pair: Pair) -> Picture:
-    return Picture(
-        partial(figures.draw_pair, pair),
-        "All flights; mean in slices with 95 % interval",
-        f"{display_name(pair.channel)} against {display_name(pair.driver)}",
-        "narrow",
-    )
 
 
 def _channels(diagnosis: Diagnosis) -> list[Item]:

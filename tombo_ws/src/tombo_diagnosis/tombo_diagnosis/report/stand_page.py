@@ -28,9 +28,7 @@ from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:
     from tombo_diagnosis.stand.diagnose import StandDiagnosis
-    from tombo_diagnosis.stand.problem import StandProblem
     from tombo_diagnosis.stand.thrust_constant import ThrustConstant
-    from tombo_dynamics.arrays import Array
     from tombo_flight.process.output_folder import OutputFolder
 
 MODEL: Final = "stand_model.yaml"
@@ -128,7 +126,10 @@ def draw_residuals(stand: StandDiagnosis) -> Figure:
             unit, factor = _UNITS[CHANNELS[c]]
             sides = ((before, "as it was"), (after, "with what was found"))
             for axis, (left, words) in zip(row, sides, strict=True):
-                _scatter(axis, problem, left[:, c] * factor, c)
+                for p, name in enumerate(points.propellers):
+                    rows = (points.setup.propeller == p) & problem.seen[:, c]
+                    x, y = points.setup.speed[rows] / RPM, left[rows, c] * factor
+                    axis.plot(x, y, "o", markersize=3.2, color=f"C{p}", label=name)
                 sigma = float(np.median(points.sigma[problem.seen[:, c], c])) * factor
                 axis.axhspan(-2.0 * sigma, 2.0 * sigma, color=style.FAINT, alpha=0.7, zorder=0)
                 axis.axhline(0.0, color=style.MUTED, linewidth=0.7)
@@ -139,13 +140,3 @@ def draw_residuals(stand: StandDiagnosis) -> Figure:
         if len(points.propellers) > 1:
             axes[0][0].legend(fontsize=7, ncols=2)
     return figure
-
-
-def _scatter(axis: Any, problem: StandProblem, values: Array, c: int) -> None:
-    setup = problem.points.setup
-    for p, name in enumerate(problem.points.propellers):
-        rows = (setup.propeller == p) & problem.seen[:, c]
-        axis.plot(
-            setup.speed[rows] / RPM, values[rows], "o", markersize=3.2,
-            color=f"C{p}", label=name,
-        )  # fmt: skip
