@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mocap_mistakes import MISTAKES
+from mocap_mistakes import MISTAKES, made
 
 from tombo_bag.flight import Flight, Series
 from tombo_dynamics.errors import InputError
@@ -40,8 +40,8 @@ def test_a_good_recording_has_no_findings(log):
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_named(log, mistake):
-    key, make = MISTAKES[mistake]
-    assert key in {finding.key for finding in check_mocap(make(log)).findings}
+    key, change = MISTAKES[mistake]
+    assert key in {finding.key for finding in check_mocap(made(change, log)).findings}
 
 
 def test_figures_are_those_that_were_put_in():

@@ -219,9 +219,3 @@ def test_commands_in_another_order_are_told_by_the_gyro():
     assert "rotor_command" not in checked.series
     (said,) = findings_by(checked, "rpm")
     assert "front_right, rear_right, rear_left, front_left" in said.message
-
-
-def test_saturated_motors_are_said():
-    flight = with_values(FLIGHT, "rotor_command", lambda s: np.minimum(s, 404.0))
-    (said,) = findings_by(check_log(flight), "saturation")
-    assert "rotor_command" in said.message and "%" in said.message

@@ -39,11 +39,3 @@ def test_one_without_noise():
 def test_simulated_ones_without_obstacle(name):
     checks = {f.check for f in check_log(recorded(name)).findings if f.severity != "info"}
     assert checks <= {"gap", "missing"}
-
-
-@pytest.mark.slow
-def test_a_second_check_changes_nothing():
-    for flight in (made_flight(), made_flight(late=0.03), made_flight(mocap_hz=30.0)):
-        once = check_log(flight)
-        twice = check_log(once)
-        assert twice.findings == once.findings and twice.exclude == once.exclude

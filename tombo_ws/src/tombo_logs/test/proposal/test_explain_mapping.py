@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.proposal.explain import explain_mapping
-from tombo_logs.proposal.names import grouped, parsed
+from tombo_logs.proposal.names import parsed
 from tombo_logs.proposal.propose import propose
 from tombo_logs.readers.csv_mapping import parse_mapping
 from tombo_logs.readers.log_reader import read_log
@@ -120,11 +120,6 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
 )
 def test_names_are_taken_apart(raw, parts):
     assert parsed(raw) == parts
-
-
-def test_what_is_asked_for_and_biases_are_kept_apart():
-    groups = grouped(["x", "y", "z", "sp_x", "sp_y", "sp_z", "b_w_x", "vx", "vy", "vz"])
-    assert [g.words for g in groups] == [(), ("sp",), ("b", "w"), ("v",)]
 
 
 @pytest.mark.slow

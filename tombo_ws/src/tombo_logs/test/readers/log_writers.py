@@ -127,9 +127,6 @@ class ULogWriter:
             self.data.append((int(stamp), self.message("D", row)))
         self.ids += 1
 
-    def dropout(self, stamp_us, milliseconds):
-        self.data.append((int(stamp_us), self.message("O", struct.pack("<H", milliseconds))))
-
     def content(self):
         header = b"\x55\x4c\x6f\x67\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000)
         flags = self.message("B", bytes(40))

@@ -75,13 +75,6 @@ def test_without_poses_what_is_needed_is_said(path):
         read_ulog(path, "a")
 
 
-def test_dropouts_of_the_logger_are_said(path):
-    log = write_ulog(path, FLIGHT)
-    log.dropout(3_000_000, 700)
-    path.write_bytes(log.content())
-    assert any("0.7 s together" in f.message for f in read_ulog(path, "a").findings)
-
-
 @pytest.mark.parametrize("share", [0.001, 0.5])
 def test_a_cut_log_is_read_as_far_as_it_goes_or_refused(path, share):
     write_ulog(path, FLIGHT)

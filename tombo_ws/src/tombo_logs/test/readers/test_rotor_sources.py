@@ -123,17 +123,6 @@ channels:
             read_bag(path, "a", mapping=parse_mapping(text.replace(old, new), "lab"))
 
 
-def test_a_type_without_a_definition_is_said_and_the_rest_is_read(tmp_path):
-    path = write_foreign(tmp_path / "a", [pose(FLIGHT), ("/esc", *STREAMS["mavros"][1:2], SPEED.t,
-                                                         STREAMS["mavros"][3])])  # fmt: skip
-    (file,) = path.glob("*.mcap")
-    file.write_bytes(file.read_bytes().replace(b"int32 rpm", b"int31 rpm"))
-    (path / "metadata.yaml").unlink()
-    log = read_bag(file, "a")
-    assert "rotor_speed" not in log.series and "position" in log.series
-    assert any(f.check == "missing" and "ESCStatus" in f.message for f in log.findings)
-
-
 def test_places_of_px4s_motors_are_from_its_parameters(tmp_path):
     """Motors numbered clockwise from front right: `CA_ROTORn_PX` and `_PY` tell."""
     path = tmp_path / "a.ulg"

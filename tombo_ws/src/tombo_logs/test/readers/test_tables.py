@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks import check_log
 from tombo_logs.readers.csv_log import read_csv
 from tombo_logs.readers.csv_mapping import parse_mapping, shipped
 
@@ -251,25 +250,6 @@ def test_a_header_without_rows_and_a_column_twice_are_refused(tmp_path):
         read_csv(written(tmp_path / "a.csv", header + "\n"), "a")
     with pytest.raises(InputError, match="'position_x' twice"):
         read_csv(written(tmp_path / "b.csv", f"{header},position_x\n1,2,3,4,5,6,7,8,9\n"), "b")
-
-
-def test_a_table_without_attitude_and_with_world_acceleration_is_read_but_not_checked(tmp_path):
-    """Enough to ask what has changed; a diagnosis against the model needs the attitude."""
-    felt = 0.1 * P / P.max()
-    path = posed(tmp_path / "a.csv", P, Q, **numbered("a", felt))
-    log = read(path, """
-time: {column: t}
-world: [y, -x, z]
-body: [y, -x, z]
-channels:
-  position: {columns: [x, y, z], unit: m}
-  acceleration: {columns: [a0, a1, a2], unit: g}
-""")  # fmt: skip
-    assert set(log.series) == {"position", "acceleration"}
-    x, y, z = GRAVITY * felt.T
-    close(log.series["acceleration"].values, np.column_stack([y, -x, z]))
-    with pytest.raises(InputError, match="no usable attitude"):
-        check_log(log)
 
 
 def test_rows_without_a_column_of_times_have_a_stated_rate(tmp_path):
