@@ -144,7 +144,7 @@ class FlightTables:
 
     def _repr_html_(self) -> str:
         """Return the figures of a flight and its picture, for notebooks."""
-        from tombo_flight.report.flight_plot import figure_bytes
+        from tombo_flight.report.figure import figure_bytes
 
         shown = {key: value for key, value in self.summary.items() if value is not None}
         png = base64.b64encode(figure_bytes(self.plot())).decode("ascii")

@@ -178,7 +178,8 @@ def draw_pictures(
     try:
         with stop.at_once():
             on_progress("drawing flight.png", 0.0)
-            from tombo_flight.report.flight_plot import draw_flight, figure_bytes
+            from tombo_flight.report.figure import figure_bytes
+            from tombo_flight.report.flight_plot import draw_flight
 
             figure = draw_flight(flight)
             pictures[0].write_bytes(figure_bytes(figure))

@@ -29,7 +29,7 @@ def live_page(title: str, scenario: Mapping[str, Any]) -> str:
         title: name of the flight.
         scenario: of the flight, for the lengths of the vehicle; empty: the default vehicle.
     """
-    instants = ("contact_s", "unstable_end_s", "recovery_end_s", "contact_height_m", "lowest_m")
+    instants = ("contact_s", "unstable_end_s", "recovery_end_s", "fall_m")
     milestones = {**dict.fromkeys(instants), "verdict": "", **scene_block(scenario)}
     return template("live.html.j2").render(
         title=title,

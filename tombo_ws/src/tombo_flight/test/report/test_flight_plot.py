@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from matplotlib.image import imread
 from matplotlib.text import Text
 
-from tombo_flight.report.flight_plot import draw_flight, figure_bytes
-from tombo_flight.report.panels import envelope
+from tombo_flight.report.figure import envelope, figure_bytes
+from tombo_flight.report.flight_plot import draw_flight
 
 EDGES = [
     "no contact",
@@ -86,8 +86,8 @@ def test_contact_and_phases_are_marked_where_they_were(flight):
     bands = sorted((p.get_x(), p.get_x() + p.get_width()) for p in zoomed.patches)
     assert np.allclose(bands, [(0.0, 1.5), (1.5, 5.0)])
     assert zoomed.get_xlim() == (-2.0, 6.0)
-    words = [t.get_text() for t in zoomed.texts]
-    assert "falling distance 0.50 m" in words
+    words = [t.get_text() for t in zoomed.get_legend().get_texts()]
+    assert {"unstable 1.50 s", "recovery 3.50 s", "detection +70 ms"} <= set(words)
 
 
 def test_a_flight_without_contact_has_one_column_and_no_marks(edge_flights):

@@ -11,13 +11,7 @@ from page_reader import PageReader, blank_html, loads_nothing
 from scipy.spatial.transform import Rotation
 
 from tombo_flight.report.figures import figures_of
-from tombo_flight.report.flight_report import (
-    SCRIPTS,
-    report_html,
-    report_page,
-    values_table,
-    write_report,
-)
+from tombo_flight.report.flight_report import SCRIPTS, report_html, report_page, write_report
 from tombo_flight.report.html import asset
 from tombo_flight.report.milestones import find_milestones
 from tombo_flight.report.replay_data import COLUMNS, flight_block, kept_samples, script_json
@@ -113,7 +107,7 @@ def test_text_from_outside_stays_text(make_flight):
     page = blank_report(record)
     tags = [tag for tag, _ in page.elements]
     assert tags.count("script") == 3
-    assert "img" not in tags
+    assert tags.count("img") == 1  # the figure
     assert not any(key.startswith("on") for _, a in page.elements for key in a)
     assert evil in page.text_in("title")
     assert evil in page.text
@@ -144,7 +138,7 @@ def test_a_flight_of_ones_own_is_not_held_against_the_paper(flight, other):
 
     assert all(printed is None for _, _, printed in figures_of(own))
     page = blank_report(own)
-    assert not {"Difference", "Paper"} & set(page.texts[("th", None)])
+    assert "Paper" not in page.texts[("th", None)]
     assert not [text for text in page.words if text.startswith("paper ")]
 
 
@@ -166,29 +160,11 @@ def test_the_table_holds_the_papers_figures_against_the_flights(of_paper):
     assert rows["collision_time_s"] == (23.0, 23.0)
     assert rows["contact_known_s"] == (pytest.approx(70.0), None)
     assert rows["bounce_m"] == (pytest.approx(0.8), 0.8)
-    assert rows["falling_rate_m_s"] == (pytest.approx(0.5 / 1.15, rel=0.02), 0.3)
 
 
 def test_without_the_reaction_the_paper_expects_a_crash(of_paper):
     without = replace(of_paper, summary={**of_paper.summary, "reaction": "none"})
     assert figures_of(without)[0][1:] == ("recovered", "falls and crashes")
-
-
-@pytest.mark.parametrize(
-    ("values", "rows"),
-    [
-        (
-            {"course": [{"x": 1.5, "hold": 2.0}, {"yaw": 0.25}, {}]},
-            {"course[0]": "x 1.5, hold 2", "course[1]": "yaw 0.25", "course[2]": "{}"},
-        ),
-        (
-            {"a": {"b": 1.0 / 3.0, "c": None}, "d": [1, 2.5], "e": True, "f": {}},
-            {"a.b": "0.333333", "a.c": "–", "d": "[1, 2.5]", "e": "yes", "f": "{}"},
-        ),
-    ],
-)
-def test_nested_values_show_as_rows_of_their_own(values, rows):
-    assert values_table(values).rows == list(rows.items())
 
 
 def test_json_for_scripts_has_no_markup_and_no_nan():

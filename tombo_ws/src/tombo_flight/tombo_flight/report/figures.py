@@ -77,13 +77,6 @@ def _recovery_phase(m: FlightMilestones) -> float | None:
     return max(0.0, m.recovery_end_s - m.unstable_end_s) or None  # settled before its end
 
 
-def _falling_rate(m: FlightMilestones) -> float | None:
-    if m.contact_s is None or m.contact_height_m is None or m.lowest_m is None:
-        return None
-    elapsed_s = (m.lowest_s or 0.0) - m.contact_s
-    return (m.contact_height_m - m.lowest_m) / elapsed_s if elapsed_s > 0.0 else None
-
-
 def _bounce(m: FlightMilestones) -> float | None:
     return None if m.x_c_m is None or m.x_r_m is None else math.dist(m.x_c_m, m.x_r_m)
 
@@ -125,12 +118,6 @@ FIGURES: Final = (
         "Height at contact minus the lowest height until settled. The paper's value is a mean "
         "over its trials.",
         paper=0.5, card=True,
-    ),
-    Figure(
-        "falling_rate_m_s", "Falling rate", "m/s", 2,
-        "Mean rate of descent from contact to the lowest point. The paper prints the rate that "
-        "was observed, without the stretch it belongs to.",
-        paper=0.3, derived=_falling_rate,
     ),
     Figure(
         "bounce_m", "Distance from x_c to x_r", "m", 3,

@@ -1,13 +1,11 @@
 """The still figure of a flight, marked like the paper's figure of the recovery.
 
-Its top row is the strip of phases, with the instants by name; of a flight over MAVLink there is a
-second strip, PX4's modes.
+Its top row is the strip of phases; of a flight over MAVLink there is a second strip, PX4's modes.
 """
 
 from __future__ import annotations
 
-import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,210 +14,36 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
-from tombo_flight.report import panels, style
-from tombo_flight.report.figure import new_figure
+from tombo_flight.flight_metrics import STABLE_TILT
+from tombo_flight.report import style
+from tombo_flight.report.figure import envelope, new_figure
 from tombo_flight.report.figures import BY_KEY
 from tombo_flight.report.milestones import (
+    FRONT_LEFT,
+    ROTOR_NAMES,
     FlightMilestones,
     FlightOutcome,
     find_milestones,
     reaction_words,
     roll_pitch_yaw_deg,
 )
-from tombo_flight.report.panels import SMALL, Panel, TimeWindow, zoom_around
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
 
-
-_LETTER: Final = 0.0135
-"""Width of a letter as a share of the panel, generously."""
-_TOP: Final = 3.6
-_PX4_LOW, _PX4_MIDDLE = -1.1, -0.6
-_BEGIN_S: Final = 0.3
-"""Lines at the beginning of a bracket that its name keeps clear of."""
-_TOGETHER_S: Final = 0.005
-"""Instants this close share one name."""
-
-
-def timeline(panel: Panel) -> None:
-    """Draw the strip; above it, zoomed, what happened when, else where the zoom is."""
-    axes, window = panel.axes, panel.window
-    px4 = panel.flight.summary.get("px4")
-    low = 0.0 if px4 is None else _PX4_LOW
-    axes.set_ylim(low, _TOP)
-    axes.set_yticks([])
-    axes.grid(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_visible(False)
-    axes.tick_params(bottom=False)
-    axes.set_ylabel("phase", rotation=0, ha="right", va="center")
-    axes.yaxis.set_label_coords(-0.012, (0.5 - low) / (_TOP - low))
-    for span in panel.milestones.phases:
-        colour = style.PHASE_COLOURS.get(span.phase, style.FAINT)
-        _bar(panel, 0.5, 1.0, (span.start_s, span.end_s), span.name, colour)
-    if px4 is not None:
-        _px4_modes(panel, px4["modes"])
-    if window.zoomed:
-        _phases(panel)
-        _instants(panel)
-    elif panel.milestones.mark_s is not None:
-        _mark_zoom(panel, panel.milestones.mark_s)
-
-
-def _bar(
-    panel: Panel, y: float, height: float, span: tuple[float, float], name: str, colour: str
-) -> None:
-    """Draw what the window shows of a span, with its name if there is room for it."""
-    window = panel.window
-    start, end = max(span[0], window.start_s), min(span[1], window.end_s)
-    if end <= start:
-        return
-    left = start - window.zero_s
-    panel.axes.barh(y, end - start, left=left, height=height, color=colour, lw=0)
-    if _share(panel, end - start) > _LETTER * len(name):
-        middle = (start + end) / 2.0 - window.zero_s
-        panel.axes.text(middle, y - 0.02, name, ha="center", va="center", size=SMALL)
-
-
-def _px4_modes(panel: Panel, modes: list[list[Any]]) -> None:
-    """Draw the second strip, from [time, name] of each change."""
-    times = [float(time_s) for time_s, _ in modes]
-    for start, end, (_, name) in zip(times, [*times[1:], np.inf], modes, strict=False):
-        colour = style.PX4_COLOURS.get(name, style.FAINT)
-        _bar(panel, _PX4_MIDDLE, 0.8, (start, end), name, colour)
-    panel.axes.text(
-        -0.012,
-        _PX4_MIDDLE,
-        "PX4",
-        transform=panel.axes.get_yaxis_transform(),
-        ha="right",
-        va="center",
-    )
-
-
-def _share(panel: Panel, length_s: float) -> float:
-    return length_s / (panel.window.end_s - panel.window.start_s)
-
-
-def _phases(panel: Panel) -> None:
-    """Brackets for the unstable and the recovery phase, just above the strip of phases.
-
-    A name too long for its bracket starts with the bracket and leaves the next one less room.
-    None stands on the lines of detection and switch.
-    """
-    milestones, window = panel.milestones, panel.window
-    instants = (milestones.detection_s, milestones.switch_s)
-    lines = [x - window.zero_s for x in instants if x is not None]
-    free_from = 0.06 + max((x for x in lines if 0.0 <= x < _BEGIN_S), default=-np.inf)
-    for start, end, name, colour in (
-        (milestones.contact_s, milestones.unstable_end_s, "unstable", style.VERMILLION),
-        (milestones.unstable_end_s, milestones.recovery_end_s, "recovery", style.BLUE),
-    ):
-        if start is None or end is None or start >= window.end_s:
-            continue
-        a, b = start - window.zero_s, min(end, window.end_s) - window.zero_s
-        panel.axes.plot((a, b), (1.3, 1.3), color=colour, lw=2.2, solid_capstyle="butt")
-        words = f"{name} {end - start:.2f} s"
-        length = 0.0115 * len(words) * (window.end_s - window.start_s)
-        left = max((a + b - length) / 2.0, a + 0.04, free_from)
-        if left + length > window.end_s - window.zero_s:
-            continue
-        panel.axes.text(left, 1.45, words, color=colour, ha="left", va="bottom", size=SMALL)
-        free_from = left + length
-
-
-def _instants(panel: Panel) -> None:
-    """Names of contact, detection and switch, on lines of their own so that none covers another.
-
-    The contact's name stands left of its line, unless the detection came first.
-    """
-    milestones, window, axes = panel.milestones, panel.window, panel.axes
-    if milestones.contact_s is None:
-        return
-    later = [
-        (instant - milestones.contact_s, words, colour)
-        for instant, words, colour in (
-            (milestones.detection_s, "detection", style.PURPLE),
-            (milestones.switch_s, "set point to $x_r$", style.GREEN),
-        )
-        if instant is not None and window.start_s <= instant <= window.end_s
-    ]
-    early = any(x < 0.0 for x, _, _ in later)
-    if len(later) == 2 and (early or abs(later[0][0] - later[1][0]) < _TOGETHER_S):
-        later = [(later[0][0], "detection, set point to $x_r$", style.PURPLE)]
-    levels = [2.6] if early else [3.35, 2.6]
-    right = 0.16 + max([0.0, *(x for x, _, _ in later)])
-    for (x, words, colour), level in zip(later, levels, strict=False):
-        axes.plot((x, x, right), (1.1, level, level), color=colour, lw=0.9)
-        text = f"{words} {1e3 * x:+.0f} ms".replace("-", "−")
-        axes.text(right + 0.04, level, text, color=colour, va="center", size=SMALL)
-    axes.plot((0.0, 0.0), (1.1, 3.6), color=style.INK, lw=1.1)
-    x, side = (right + 0.04, "left") if early else (-0.06, "right")
-    text = f"contact, $t_c$ = {milestones.contact_s:.2f} s"
-    axes.text(x, 3.35, text, ha=side, va="center", weight="bold", size=SMALL)
-
-
-def _mark_zoom(panel: Panel, mark_s: float) -> None:
-    start, end = zoom_around(mark_s)
-    end = min(end, panel.window.end_s)
-    panel.axes.plot((start, end), (1.45, 1.45), color=style.INK, lw=1.0, solid_capstyle="butt")
-    for edge in (start, end):
-        panel.axes.plot((edge, edge), (1.25, 1.65), color=style.INK, lw=1.0)
-    name = "contact" if panel.milestones.contact_s is not None else "crash"
-    late = mark_s > 0.55 * panel.window.end_s
-    x, side = (end, "right") if late else (start, "left")
-    words = f"{name} at {mark_s:.2f} s, enlarged on the right"
-    panel.axes.text(x, 1.95, words, ha=side, va="bottom", size=SMALL)
-
-
 SIZE_IN: Final = (12.0, 8.0)
 DPI: Final = 150
-
-_LEFT, _RIGHT = 0.055, 0.945
-_PANELS: Final = {
-    "timeline": 1.1,  # the strip of phases
-    "horizontal": 2.0,  # x and y
-    "height": 2.0,
-    "attitude": 2.0,
-    "thrust": 2.0,
-    "fold": 0.6,
-}
-"""Panel, by its function in `panels` → height."""
-
-
-@dataclass(frozen=True)
-class _PanelColumn:
-    """Where a column of panels is, in parts of the figure."""
-
-    left: float
-    right: float
-    top: float = 0.905
-    bottom: float = 0.055
-    gap: float = 0.042
-    label_in: float = 0.43
-    """From the axis to its label [in]."""
-
-    def stack(self, figure: Figure) -> dict[str, Axes]:
-        """Make axes one below the other, by the names of the rows."""
-        scale = (self.top - self.bottom - self.gap * (len(_PANELS) - 1)) / sum(_PANELS.values())
-        stack: dict[str, Axes] = {}
-        ceiling = self.top
-        for row, height in _PANELS.items():
-            floor = ceiling - height * scale
-            stack[row] = figure.add_axes(
-                (self.left, floor, self.right - self.left, ceiling - floor)
-            )
-            ceiling = floor - self.gap
-        return stack
-
-
-_WHOLE, _ZOOMED, _WIDE = (
-    _PanelColumn(_LEFT, 0.445),
-    _PanelColumn(0.505, _RIGHT),
-    _PanelColumn(_LEFT, _RIGHT),
-)
-_LENGTHS: Final = {
+_BEFORE_S, _AFTER_S = 2.0, 6.0
+"""Time that the zoomed column shows before and after the contact."""
+_HEIGHTS: Final = (0.7, 2.0, 2.0, 2.0, 2.0, 0.6)
+"""Of the rows: phase, horizontal position, height, attitude, thrust, fold."""
+_PLACES: Final = {"left": 0.062, "right": 0.985, "top": 0.9, "bottom": 0.055}
+_LETTER: Final = 0.0135
+"""Width of a letter as a share of a panel, generously."""
+_DASHES: Final[Any] = (0, (4, 2))
+_ROTORS: Final = (FRONT_LEFT, *(k for k in range(len(ROTOR_NAMES)) if k != FRONT_LEFT))
+"""The struck one first."""
+_TITLE: Final = {
     "max_falling_distance_m": "falls",
     "unstable_phase_s": "unstable",
     "recovery_time_s": "recovered after",
@@ -233,6 +57,34 @@ _VERDICT_COLOURS: Final = {
 }
 
 
+@dataclass(frozen=True)
+class _Column:
+    """A column of the figure: its stretch of time, counted from `zero_s`."""
+
+    flight: Flight
+    milestones: FlightMilestones
+    start_s: float
+    end_s: float
+    zero_s: float
+    zoomed: bool
+    """It names the marks; the column of the whole flight names the lines."""
+
+    def trace(
+        self, axes: Axes, y: Array, colour: str, width: float, name: str = "", **more: Any
+    ) -> None:
+        """Draw a column of the log, (N,), thinned to the resolution of the panel."""
+        t = self.flight.t
+        first = min(int(np.searchsorted(t, self.start_s - 1e-9)), t.size - 1)
+        cut = slice(first, max(int(np.searchsorted(t, self.end_s + 1e-9)), first + 1))
+        thin_t, thin_y = envelope(t[cut], y[cut], 900)
+        label = "" if self.zoomed else name
+        axes.plot(thin_t - self.zero_s, thin_y, color=colour, lw=width, label=label, **more)
+
+    def name(self, text: str) -> str:
+        """Return the label of a mark."""
+        return text if self.zoomed else ""
+
+
 def draw_flight(flight: Flight) -> Figure:
     """Draw position, attitude, rotor thrust and phase against time; 1800 x 1200 px.
 
@@ -240,91 +92,158 @@ def draw_flight(flight: Flight) -> Figure:
     (or the crash); with neither there is one wide column. The flight has at least one sample.
     """
     milestones = find_milestones(flight)
-    angles_deg = roll_pitch_yaw_deg(flight.log["attitude"])
+    mark_s = milestones.mark_s
     end_s = max(milestones.duration_s, 1e-3)
+    columns = [_Column(flight, milestones, 0.0, end_s, 0.0, zoomed=False)]
+    if mark_s is not None:
+        stretch = max(0.0, mark_s - _BEFORE_S), mark_s + _AFTER_S
+        columns.append(_Column(flight, milestones, *stretch, mark_s, zoomed=True))
     with new_figure(*SIZE_IN, DPI) as figure:
-        _title(figure, flight.summary, milestones)
-        if milestones.mark_s is None:
-            columns = [(TimeWindow(0.0, end_s, 0.0, 1500, zoomed=False), _WIDE)]
-        else:
-            zoom = TimeWindow(*zoom_around(milestones.mark_s), milestones.mark_s, 900, zoomed=True)
-            columns = [(TimeWindow(0.0, end_s, 0.0, 700, zoomed=False), _WHOLE), (zoom, _ZOOMED)]
-        for window, place in columns:
-            _column(figure, flight, milestones, angles_deg, window, place)
+        layout = {"height_ratios": _HEIGHTS, **_PLACES, "hspace": 0.3, "wspace": 0.13}
+        size = len(_HEIGHTS), len(columns)
+        panels = figure.subplots(*size, sharex="col", squeeze=False, gridspec_kw=layout)
+        for column, rows in zip(columns, panels.T, strict=True):
+            _draw_column(column, rows)
+        figure.align_ylabels()
+        _write_title(figure, flight, milestones)
     return figure
 
 
-def figure_bytes(figure: Figure) -> bytes:
-    """Return a figure as a PNG file, the same bytes each time."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
+def _draw_column(column: _Column, rows: Sequence[Axes]) -> None:
+    strip, horizontal, height, attitude, thrust, fold = rows
+    log = column.flight.log
+    _draw_phases(column, strip)
+    _draw_position(column, horizontal, ((1, style.GREEN, "y north"), (0, style.BLUE, "x east")))
+    _draw_position(column, height, ((2, style.PURPLE, "z up"),))
+    _draw_attitude(column, attitude)
+    for axes, values in ((thrust, log["rotor_thrust"]), (fold, log["fold"])):
+        for i in _ROTORS:
+            width, zorder = (1.7, 3.0) if i == FRONT_LEFT else (0.9, 2.0)
+            name = ROTOR_NAMES[i] if axes is thrust else ""
+            column.trace(axes, values[:, i], style.ROTOR_COLOURS[i], width, name, zorder=zorder)
+    thrust.set_ylim(bottom=0.0)
+    fold.set(ylim=(-0.05, 1.1), yticks=(0.0, 1.0))
+    for axes in rows[1:]:
+        _mark(column, axes, named=axes is height)
+    labels = ("phase", "x, y [m]", "height z [m]", "attitude [°]", "rotor thrust [N]", "fold")
+    for axes, label in zip(rows, labels, strict=True):
+        axes.set_ylabel(label)
+        _, named = axes.get_legend_handles_labels()
+        if named:
+            spacing = {"borderpad": 0.1, "handlelength": 1.3, "handletextpad": 0.5}
+            place = {"loc": "lower left", "bbox_to_anchor": (-0.012, 0.98)}
+            axes.legend(**place, ncols=len(named), columnspacing=1.1, **spacing)
+    origin = "contact" if column.milestones.contact_s is not None else "the crash"
+    fold.set_xlabel(f"time from {origin} [s]" if column.zoomed else "time [s]", labelpad=2)
+    fold.set_xlim(column.start_s - column.zero_s, column.end_s - column.zero_s)
 
 
-def _column(
-    figure: Figure,
-    flight: Flight,
-    milestones: FlightMilestones,
-    angles_deg: Array,
-    window: TimeWindow,
-    place: _PanelColumn,
+def _draw_phases(column: _Column, axes: Axes) -> None:
+    """Draw the strip of phases, and that of PX4's modes."""
+    px4 = column.flight.summary.get("px4")
+    axes.set(ylim=(0.0 if px4 is None else -1.1, 1.1), yticks=[])
+    axes.grid(False)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(bottom=False)
+    for span in column.milestones.phases:
+        colour = style.PHASE_COLOURS.get(span.phase, style.FAINT)
+        _draw_bar(column, axes, 0.5, (span.start_s, span.end_s), span.name, colour)
+    modes = [] if px4 is None else px4["modes"]
+    ends = [*(time_s for time_s, _ in modes[1:]), np.inf]
+    for (start_s, name), end_s in zip(modes, ends, strict=False):
+        colour = style.PX4_COLOURS.get(name, style.FAINT)
+        _draw_bar(column, axes, -0.6, (start_s, end_s), f"PX4: {name}", colour)
+
+
+def _draw_bar(
+    column: _Column, axes: Axes, y: float, span: tuple[float, float], name: str, colour: str
 ) -> None:
-    cut = _samples(flight.t, window)
-    rows = {
-        row: Panel(axes, flight, milestones, window, cut)
-        for row, axes in place.stack(figure).items()
-    }
-    timeline(rows["timeline"])
-    panels.horizontal(rows["horizontal"])
-    panels.height(rows["height"])
-    panels.attitude(rows["attitude"], angles_deg)
-    panels.thrust(rows["thrust"])
-    panels.fold(rows["fold"])
-    for row, panel in rows.items():
-        panel.axes.set_xlim(window.start_s - window.zero_s, window.end_s - window.zero_s)
-        panel.axes.tick_params(labelbottom=row == "fold")
-        if row != "timeline":
-            panel.shade()
-            width_in = SIZE_IN[0] * (place.right - place.left)
-            panel.axes.yaxis.set_label_coords(-place.label_in / width_in, 0.5)
-    origin = "contact" if milestones.contact_s is not None else "the crash"
-    words = f"time from {origin} [s]" if window.zero_s else "time [s]"
-    rows["fold"].axes.set_xlabel(words, labelpad=2)
+    """Draw what the column shows of a span, with its name if there is room for it."""
+    start, end = max(span[0], column.start_s), min(span[1], column.end_s)
+    if end <= start:
+        return
+    axes.barh(y, end - start, left=start - column.zero_s, height=0.9, color=colour, lw=0)
+    if (end - start) / (column.end_s - column.start_s) > _LETTER * len(name):
+        middle = (start + end) / 2.0 - column.zero_s
+        axes.text(middle, y - 0.02, name, ha="center", va="center", size=7.8)
 
 
-def _samples(t: Array, window: TimeWindow) -> slice:
-    """The samples inside the window; at least one."""
-    first = int(np.searchsorted(t, window.start_s - 1e-9))
-    last = int(np.searchsorted(t, window.end_s + 1e-9))
-    first = min(first, len(t) - 1)
-    return slice(first, max(last, first + 1))
+def _draw_position(
+    column: _Column, axes: Axes, coordinates: Iterable[tuple[int, str, str]]
+) -> None:
+    """Draw coordinates with set points and estimates, and the x of x_c and of x_r."""
+    log = column.flight.log
+    for i, colour, name in coordinates:
+        column.trace(axes, log["est_position"][:, i], colour, 0.5, alpha=0.45)
+        column.trace(axes, log["position_setpoint"][:, i], style.INK, 0.8, ls=_DASHES)
+        column.trace(axes, log["position"][:, i], colour, 1.7, name)
+    low, high = axes.get_ylim()
+    margin = max(0.0, 0.05 - (high - low) / 2.0)  # noise alone is not magnified
+    axes.set_ylim(low - margin, high + margin)
+    if name == "x east":
+        axes.plot([], [], color=style.INK, ls=_DASHES, label=column.name("set point"))
+        milestones = column.milestones
+        for place, text in ((milestones.x_c_m, "$x_c$"), (milestones.x_r_m, "$x_r$")):
+            if place is not None:
+                label = column.name(f"{text} {place[0]:.2f} m")
+                axes.axhline(place[0], color=style.BLUE, lw=0.7, ls="-.", zorder=1.5, label=label)
 
 
-def _title(figure: Figure, summary: Mapping[str, Any], milestones: FlightMilestones) -> None:
+def _draw_attitude(column: _Column, axes: Axes) -> None:
+    """Draw roll, pitch and yaw, and the tilt below which the vehicle counts as upright."""
+    angles_deg = roll_pitch_yaw_deg(column.flight.log["attitude"])
+    for i, (colour, name) in enumerate(
+        ((style.BLUE, "roll"), (style.ORANGE, "pitch"), (style.GREEN, "yaw"))
+    ):
+        column.trace(axes, angles_deg[:, i], colour, 1.3, name)
+    for sign in (-1.0, 1.0):
+        limit = sign * float(np.degrees(STABLE_TILT))
+        axes.axhline(limit, color=style.MUTED, lw=0.7, ls=_DASHES, zorder=1.5)
+
+
+def _mark(column: _Column, axes: Axes, *, named: bool) -> None:
+    """Mark the phases as bands and the instants as upright lines."""
+    milestones, zero_s = column.milestones, column.zero_s
+    contact_s, unstable_s = milestones.contact_s, milestones.unstable_end_s
+    for start, end, text, colour in (
+        (contact_s, unstable_s, "unstable", style.UNSTABLE),
+        (unstable_s, milestones.recovery_end_s, "recovery", style.RECOVERY),
+    ):
+        if start is not None and end is not None and start < column.end_s:
+            span = start - zero_s, min(end, column.end_s) - zero_s
+            label = column.name(f"{text} {end - start:.2f} s") if named else ""
+            axes.axvspan(*span, color=colour, alpha=0.3, lw=0, zorder=0, label=label)
+    for instant, text, colour in (
+        (contact_s, "contact", style.INK),
+        (milestones.crash_s, "crash", style.VERMILLION),
+        (milestones.detection_s if column.zoomed else None, "detection", style.PURPLE),
+        (milestones.switch_s if column.zoomed else None, "to $x_r$", style.GREEN),
+    ):
+        if instant is not None and column.start_s <= instant <= column.end_s:
+            after = "" if instant == zero_s else f" {1e3 * (instant - zero_s):+.0f} ms"
+            label = column.name(f"{text}{after}".replace("-", "−")) if named else ""
+            axes.axvline(instant - zero_s, color=colour, lw=1.0, zorder=1.8, label=label)
+
+
+def _write_title(figure: Figure, flight: Flight, milestones: FlightMilestones) -> None:
+    summary = flight.summary
     name = str(summary["scenario"])
-    name = name if len(name) <= 60 else name[:59] + "…"
-    figure.text(_LEFT, 0.965, name, size=14, weight="bold", va="center", parse_math=False)
     details = [
         f"seed {summary['seed']}",
         None if summary["conf"] is None else f"Conf. {summary['conf']} propellers",
         reaction_words(summary["reaction"]),
         f"{milestones.duration_s:.1f} s",
     ]
+    values = {key: BY_KEY[key].of(summary, milestones) for key in _TITLE}
     figures = [
-        f"{words} {BY_KEY[key].text(value)}"
-        for key, words in _LENGTHS.items()
-        if (value := BY_KEY[key].of(summary, milestones)) is not None
+        f"{_TITLE[key]} {BY_KEY[key].text(value)}"
+        for key, value in values.items()
+        if value is not None
     ]
-    for x, side, words in ((_LEFT, "left", details), (_RIGHT, "right", figures)):
+    left, right = _PLACES["left"], _PLACES["right"]
+    figure.text(left, 0.965, name[:60], size=14, weight="bold", parse_math=False)
+    verdict = figure.text(right, 0.965, milestones.verdict.value.upper(), size=12, ha="right")
+    verdict.set(color=_VERDICT_COLOURS[milestones.verdict], weight="bold")
+    for x, side, words in ((left, "left", details), (right, "right", figures)):
         line = "  ·  ".join(word for word in words if word)
-        figure.text(x, 0.936, line, color=style.MUTED, va="center", ha=side)
-    figure.text(
-        _RIGHT,
-        0.965,
-        milestones.verdict.value.upper(),
-        color=_VERDICT_COLOURS[milestones.verdict],
-        size=12,
-        weight="bold",
-        va="center",
-        ha="right",
-    )
+        figure.text(x, 0.945, line, color=style.MUTED, va="center", ha=side)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
 
 from tombo_flight.report.figures import (
     FIGURES,
@@ -29,7 +27,6 @@ from tombo_flight.report.page import (
     Card,
     Cell,
     Folded,
-    Item,
     Markup,
     Page,
     Picture,
@@ -59,7 +56,7 @@ _STYLES: Final = {
 _CSS: Final = """
 header, main, footer { max-width: 1440px; }
 .panel:has(> .stage) { padding: 0; border: 0; background: none; }
-.picture > svg { max-width: none; min-width: 760px; }
+.picture > img { max-width: none; min-width: 760px; }
 .panel:has(> .picture) { overflow-x: auto; }
 """
 _Row = tuple[Figure, Value, Value]
@@ -117,7 +114,7 @@ def flight_page(
         return figure or draw_flight(flight)
 
     plot = Picture(draw, "Position, height, attitude and rotor thrust against time")
-    figures: list[Item] = [_comparison_table(rows, paper, wide=True), _definitions(rows)]
+    figures = "Further figures, those of the paper beside them" if paper else "Further figures"
     return Page(
         title=f"{name}: {milestones.verdict.value}",
         eyebrow="Tombo flight report",
@@ -128,12 +125,10 @@ def flight_page(
         cards=cards,
         sections=[
             Section("", [Markup(asset("stage.html"))], "page"),
-            Section("The paper beside this flight" if paper else "The figures", figures, "page"),
-            Section("", [_comparison_table(short, paper, wide=False)], "terminal"),
+            Section(figures, [_comparison_table(short, paper)]),
+            Section("", [_definitions(rows)], "page"),
             Section("The figure", [plot], "page"),
             Section("", [Folded("Events", [_events_table(flight.events)])], "page"),
-            Section("", [Folded("Summary", [values_table(flight.summary)])], "page"),
-            Section("", [Folded("Scenario as flown", [values_table(flight.scenario)])], "page"),
             Section("", [Text(remarks)] if remarks else [], "terminal"),
         ],
         data=flight.summary,
@@ -158,25 +153,17 @@ def replay_scripts(flight: Flight) -> str:
     return "\n".join(parts)
 
 
-def _comparison_table(rows: Iterable[_Row], paper: bool, *, wide: bool) -> Table:
-    """Return a table of figures, with those of the paper.
-
-    Args:
-        rows: the figures.
-        paper: with the paper's figures.
-        wide: with differences, and definitions as tooltips.
-    """
-    lines = []
-    for figure, flown, printed in rows:
-        cells = [Cell(figure.name, tooltip=figure.definition if wide else "")]
-        cells += [Cell(figure.text(printed))] if paper else []
-        cells.append(Cell(figure.text(flown)))
-        if paper and wide:
-            cells.append(Cell(_difference(figure, flown, printed)))
-        lines.append(cells)
-    head = ["Figure", *(["Paper"] if paper else []), "This flight"]
-    head += ["Difference"] if paper and wide else []
-    return Table(head, lines, "compare")
+def _comparison_table(rows: Iterable[_Row], paper: bool) -> Table:
+    """Return a table of figures, with those of the paper."""
+    lines = [
+        [
+            Cell(figure.name, tooltip=figure.definition),
+            *([Cell(figure.text(printed))] if paper else []),
+            Cell(figure.text(flown)),
+        ]
+        for figure, flown, printed in rows
+    ]
+    return Table(["Figure", *(["Paper"] if paper else []), "This flight"], lines, "compare")
 
 
 def _definitions(rows: Iterable[_Row]) -> Folded:
@@ -205,53 +192,6 @@ def _events_table(events: Iterable[Mapping[str, Any]]) -> Table:
         seek = f'<button data-seek="{time_s!r}">{time_s:.3f} s</button>'
         lines.append((Cell("", html=seek), event["kind"].replace("_", " "), event["text"]))
     return Table((), lines, "plain")
-
-
-def values_table(values: Mapping[str, Any]) -> Table:
-    """Return a nested mapping as a table of two columns with dotted keys."""
-    lines: list[tuple[str, str]] = []
-    _flatten("", values, lambda key, value: lines.append((key, _text(value))))
-    return Table((), lines, "plain")
-
-
-def _flatten(prefix: str, value: Any, emit: Callable[[str, Any], None]) -> None:
-    if isinstance(value, Mapping) and value:
-        for key, item in value.items():
-            _flatten(f"{prefix}.{key}" if prefix else str(key), item, emit)
-    elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
-        for i, item in enumerate(value):
-            emit(f"{prefix}[{i}]", item)
-    else:
-        emit(prefix, value)
-
-
-def _text(value: Any) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, (bool, np.bool_)):
-        return "yes" if value else "no"
-    if isinstance(value, (float, np.floating)):
-        return f"{float(value):.6g}"
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return "[" + ", ".join(_text(item) for item in value) + "]"
-    if isinstance(value, Mapping) and value:
-        return ", ".join(f"{key} {_text(item)}" for key, item in value.items())
-    return str(value)
-
-
-def _difference(figure: Figure, flown: Value, printed: Value) -> str:
-    if not isinstance(printed, float) or not isinstance(flown, float):
-        return ""
-    change = round(flown - printed, figure.digits)
-    if change == 0.0:
-        return "none"
-    percent = round(100.0 * (flown / printed - 1.0))
-    share = f" ({_signed(percent, 0)} %)" if percent else ""
-    return f"{_signed(change, figure.digits)} {figure.unit}{share}"
-
-
-def _signed(value: float, digits: int) -> str:
-    return f"{'+' if value > 0 else '−'}{abs(value):.{digits}f}"
 
 
 def _facts(summary: Mapping[str, Any], milestones: FlightMilestones) -> list[str]:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import base64
 import math
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup as SafeText
 
 from tombo_flight.process.output_folder import write_whole
-from tombo_flight.report.figure import inline_svg
+from tombo_flight.report.figure import figure_bytes
 from tombo_flight.report.page import Item, Page, cell_of, row_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _TEMPLATE: Final = "results.html.j2"
 
@@ -50,9 +54,14 @@ def _environment() -> Environment:
     made.filters["row"] = row_of
     made.filters["cell"] = cell_of
     made.filters["percent"] = _percent
-    made.filters["svg"] = lambda figure, name: SafeText(inline_svg(figure, name))
+    made.filters["png"] = _png
     made.globals["asset"] = lambda name: SafeText(asset(name))
     return made
+
+
+def _png(figure: Figure) -> str:
+    """Return a figure as the address of a picture inside the page."""
+    return f"data:image/png;base64,{base64.b64encode(figure_bytes(figure)).decode('ascii')}"
 
 
 def _kind(item: Item) -> str:

@@ -15,7 +15,7 @@ from tombo_collision.reactions import DEFAULT
 from tombo_collision.reactions.none import NoReaction
 from tombo_dynamics import vehicle
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.messages import PHASE_NAMES, Phase
+from tombo_dynamics.messages import PHASE_NAMES
 from tombo_dynamics.rotation import yaw_pitch_roll
 
 if TYPE_CHECKING:
@@ -90,9 +90,7 @@ class FlightMilestones:
     contact_point_m: Point | None
     x_r_m: Point | None
     n_r: Point | None
-    contact_height_m: float | None
-    lowest_s: float | None
-    lowest_m: float | None
+    fall_m: float | None
     phases: tuple[Span, ...]
     obstacle: DrawnObstacle | None
 
@@ -123,11 +121,8 @@ def find_milestones(flight: Flight) -> FlightMilestones:
     detection_s = _after(contact_s, known_s)
     if detection_s is None:
         detection_s = first_event_s(flight, "detection")
-    recovery_end_s = _after(contact_s, summary["recovery_time_s"])
-    contact_height_m = lowest_m = lowest_s = None
     x_c = summary["x_c_m"]
     if contact_s is not None:
-        contact_height_m, lowest_s, lowest_m = _fall(flight, contact_s, recovery_end_s)
         x_c = x_c or flight.log["position"][nearest(flight.t, contact_s)].tolist()
     return FlightMilestones(
         verdict=FlightOutcome.of(summary),
@@ -136,15 +131,13 @@ def find_milestones(flight: Flight) -> FlightMilestones:
         detection_s=detection_s,
         switch_s=first_event_s(flight, "setpoint_switch", detection_s),
         unstable_end_s=_after(contact_s, summary["unstable_phase_s"]),
-        recovery_end_s=recovery_end_s,
+        recovery_end_s=_after(contact_s, summary["recovery_time_s"]),
         crash_s=first_event_s(flight, "crash"),
         x_c_m=_point(x_c),
         contact_point_m=_point(summary["contact_point_m"]),
         x_r_m=_point(summary["x_r_m"]),
         n_r=_point(summary["n_r"]),
-        contact_height_m=contact_height_m,
-        lowest_s=lowest_s,
-        lowest_m=lowest_m,
+        fall_m=summary["max_falling_distance_m"],
         phases=phase_spans(flight.t, flight.log["mode"].reshape(-1)),
         obstacle=drawn_obstacle(flight.scenario),
     )
@@ -194,16 +187,6 @@ def drawn_obstacle(scenario: Mapping[str, Any]) -> DrawnObstacle | None:
     if not values.get("radius_m") or not values.get("top_m"):
         return None
     return DrawnObstacle(*(float(values[key]) for key in ("x_m", "y_m", "radius_m", "top_m")))
-
-
-def _fall(flight: Flight, contact_s: float, end_s: float | None) -> tuple[float, float, float]:
-    """Return the height at contact, and when and how low the vehicle came until it settled."""
-    first = nearest(flight.t, contact_s)
-    last = len(flight.t) - 1 if end_s is None else nearest(flight.t, end_s)
-    heights = flight.log["position"][first : last + 1, 2]
-    landing = np.flatnonzero(flight.log["mode"].reshape(-1)[first : last + 1] == Phase.LAND)
-    lowest = int(np.argmin(heights[: landing[0] + 1] if landing.size else heights))
-    return float(heights[0]), float(flight.t[first + lowest]), float(heights[lowest])
 
 
 def _after(start_s: float | None, length_s: float | None) -> float | None:

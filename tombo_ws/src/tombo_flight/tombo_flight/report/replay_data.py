@@ -71,8 +71,7 @@ COLUMNS: Final = (
 """Columns of the log that are carried as they are, at the kept samples."""
 _MILESTONES: Final = (
     *("duration_s", "mark_s", "contact_s", "detection_s", "switch_s", "unstable_end_s"),
-    *("recovery_end_s", "crash_s", "verdict", "x_c_m", "x_r_m", "n_r", "contact_height_m"),
-    *("lowest_m", "lowest_s"),
+    *("recovery_end_s", "crash_s", "verdict", "x_c_m", "x_r_m", "n_r", "fall_m"),
 )
 
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 from tombo_dynamics.propeller import RPM
 from tombo_flight.json_text import plain
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_flight.report.flight_plot import figure_bytes
+from tombo_flight.report.figure import figure_bytes
 from tombo_flight.report.html import write_page
 from tombo_flight.report.page import (
     Card,

@@ -136,7 +136,6 @@ class Live {
       if (curve[0][0] < frame.t - 2 * KEPT_S) curve.splice(0, curve.length >> 1);
     }
     Object.assign(this.marks, frame.marks, { obstacle: frame.obstacle });
-    if (this.marks.x_c_m && this.marks.contact_height_m === null) this.marks.contact_height_m = this.marks.x_c_m[2];
     for (const change of frame.changes) this.change(change);
     this.last = frame;
     if (frame.playing) this.playing(frame.playing);

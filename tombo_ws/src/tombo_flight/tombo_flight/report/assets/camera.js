@@ -14,7 +14,7 @@ function placesToLook(path, milestones) {
   const whole = { target: middle, reach: 1.15 * Math.max(2, ...sub(high, low)) };
   if (!milestones.x_c_m) return { action: whole, whole };
   const end = milestones.x_r_m || milestones.x_c_m;
-  const drop = clamp(milestones.contact_height_m - milestones.lowest_m || 0, 0, 1.2);
+  const drop = clamp(milestones.fall_m || 0, 0, 1.2);
   const reach = Math.max(1.5, Math.hypot(...sub(milestones.x_c_m, end)) + 0.6, 1.4 * drop);
   const target = add(scaled(add(milestones.x_c_m, end), 0.5), [0.1, 0, -drop / 2.2]);
   return { action: { target, reach }, whole };
