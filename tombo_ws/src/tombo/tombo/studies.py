@@ -60,11 +60,8 @@ def sweep(
     Raises:
         InputError: bad input, or another sweep is in the folder.
     """
-    import pyarrow.parquet as pq
-
     from tombo_flight.sweep.design import SweepDesign, axis_of
-    from tombo_flight.sweep.flying import fly_sweep
-    from tombo_flight.sweep.folder import TABLE, open_sweep
+    from tombo_flight.sweep.folder import fly_sweep, open_sweep
     from tombo_flight.sweep.study import new_sweep
 
     if seeds.step != 1:
@@ -85,5 +82,4 @@ def sweep(
             progress=progress,
             page=output is not None,
         )
-        table: pd.DataFrame = pq.read_table(folder / TABLE).to_pandas()
-    return table
+        return opened.table()

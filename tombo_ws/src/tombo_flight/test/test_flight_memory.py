@@ -1,4 +1,4 @@
-"""Memory of flights: its arrays of a flight, and their reuse."""
+"""A flight that keeps its figures alone."""
 
 from __future__ import annotations
 
@@ -11,14 +11,6 @@ from tombo_flight.scenario import load_scenario
 from tombo_sim.kernel import FIGURE_COLUMNS
 
 pytestmark = pytest.mark.slow
-
-
-def flown(seed=0, workspace=None):
-    return fly_scenario(load_scenario("hover", ["duration=0.3"]), seed, workspace)
-
-
-def address(flight):
-    return flight.log["position"].__array_interface__["data"][0]
 
 
 def test_figures_of_a_flight_that_keeps_no_more_are_those_of_the_whole_log():
@@ -37,24 +29,3 @@ def test_figures_of_a_flight_that_keeps_no_more_are_those_of_the_whole_log():
         assert np.array_equal(short.log[name], whole.log[name], equal_nan=True)
     assert "/imu/data_raw" in whole.topics
     assert "/imu/data_raw" not in short.topics
-
-
-def test_memory_is_used_again_once_the_flight_is_forgotten():
-    kept = flown(1)
-    before = kept.log["position"].copy()
-    other = flown(2)
-    assert address(other) != address(kept)
-    assert np.array_equal(kept.log["position"], before)
-    where = address(other)
-    del other
-    assert address(flown(3)) == where
-
-
-@pytest.mark.parametrize("topic", ["/imu/data_raw", "/odometry"])
-def test_an_array_that_is_kept_keeps_its_memory(topic):
-    flight = flown(1)
-    where, array = address(flight), next(iter(flight[topic].values())).values
-    before = array.copy()
-    del flight
-    assert address(flown(2)) != where
-    assert np.array_equal(array, before, equal_nan=True)

@@ -6,11 +6,9 @@ import json
 import math
 
 import numpy as np
-import pytest
 
-from tombo_bringup import warmup
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_output import WALL_KEYS, flight_summary, warm_up_flight
+from tombo_flight.flight_output import WALL_KEYS, flight_summary
 from tombo_flight.json_text import as_json
 from tombo_flight.scenario import load_scenario
 
@@ -47,15 +45,3 @@ def test_a_flight_that_ends_before_its_first_sample_has_a_summary_too():
     assert summary["interrupted"]
     assert json.loads(as_json(summary)) == summary
     assert 0.0 <= summary["duration_s"] < 2.5
-
-
-def test_a_rehearsal_does_not_change_the_flight():
-    scenario = load_scenario("hover", ["duration=1"])
-    before = fly_scenario(scenario, 1).log["position"].copy()
-    warm_up_flight(scenario)
-    assert np.array_equal(fly_scenario(scenario, 1).log["position"], before)
-
-
-@pytest.mark.slow
-def test_the_warm_up_goes_through_all_its_parts():
-    warmup.main()

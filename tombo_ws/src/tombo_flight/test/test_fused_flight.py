@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tombo_collision.decision import Decision
-from tombo_collision.reactions import REGISTRY, Reaction
 from tombo_flight.flight import fly_scenario
 from tombo_flight.run_wiring import run_wiring
 from tombo_flight.scenario import load_scenario
@@ -77,25 +74,3 @@ def test_fused_flight_is_the_runners_to_the_last_bit(settings):
     assert bool(record["/reaction/status"]["collisions"].values[-1]) == (
         settings != ("reaction.name=none",)
     )
-
-
-def test_reaction_written_in_python_is_one_class_and_flies():
-    @dataclass(frozen=True)
-    class Up(Reaction):
-        """Climb away."""
-
-        name: ClassVar[str] = "up"
-
-        def begin(self, event: Any, estimate: Any, last: Decision | None) -> Decision:
-            """Go up by half a metre."""
-            up = np.array([0.0, 0.0, 1.0])
-            x_c = event.contact_position
-            return Decision(x_c, up, x_c + 0.5 * up)
-
-    try:
-        scenario = load_scenario("paper_collision", (*SHORT, "reaction.name=up"))
-        summary = fly_scenario(scenario, 3).summary
-    finally:
-        del REGISTRY["up"]
-    assert summary["n_r"] == [0.0, 0.0, 1.0]
-    assert summary["x_r_m"][2] == pytest.approx(summary["x_c_m"][2] + 0.5)

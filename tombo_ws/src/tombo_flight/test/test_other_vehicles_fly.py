@@ -5,9 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, thrust_map_of
-from tombo_dynamics.rotor_maps import hover_point, rotor_maps
-from tombo_dynamics.vehicle import GRAVITY, similar_vehicle
+from tombo_dynamics.vehicle import GRAVITY
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import builtin_vehicles
@@ -39,23 +37,6 @@ def test_a_plain_propeller_hovers_at_the_speed_of_a_hand_calculation():
     hovering = (flight.t > 15.0) & (flight.t < 29.0)
     speed = math.sqrt(float(np.mean(flight.log["rotor_speed"][hovering] ** 2)))
     assert speed == pytest.approx(math.sqrt(mass * GRAVITY / (4.0 * k)), rel=0.003)
-
-
-@pytest.mark.parametrize("kind", ["coefficients", "curve"])
-def test_the_table_of_a_plain_propeller_is_its_law(kind):
-    k, q = 1.6e-5, 2.4e-7
-    speeds = np.linspace(50.0, 800.0, 12)
-    curve = tuple((w, k * w**2, q * w**2) for w in speeds.tolist())
-    choice = (
-        PropellerChoice(k_thrust=k, k_torque=q, radius=0.127)
-        if kind == "coefficients"
-        else PropellerChoice(curve=curve, radius=0.127)
-    )
-    vehicle = similar_vehicle(1.5, 0.24, 0.127)
-    hover = hover_point(rotor_maps(thrust_map_of(choice), vehicle), vehicle)
-    speed = math.sqrt(1.5 * GRAVITY / (4.0 * k))
-    assert hover.speed == pytest.approx(speed, rel=1e-3)
-    assert hover.power == pytest.approx(4.0 * q * speed**3, rel=3e-3)
 
 
 def strike(on_impact, seed=1):

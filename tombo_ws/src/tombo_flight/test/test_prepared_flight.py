@@ -19,14 +19,6 @@ def _flown(prepare: Any = None, settings: tuple[str, ...] = (), seed: int = 1) -
     return fly_scenario(load_scenario("hover", [*_QUICK, *settings]), seed, prepare=prepare).log
 
 
-def test_it_is_called_once_with_the_plant_at_rest_on_the_ground() -> None:
-    seen: list[Plant] = []
-    log = _flown(lambda plant: seen.append(plant.copy()))
-    assert len(seen) == 1
-    assert np.array_equal(seen[0].state.position, log["position"][0])
-    assert not seen[0].ticks
-
-
 def test_equal_propellers_in_flights_of_different_seeds() -> None:
     def same_propellers(plant: Plant) -> None:
         plant.draws[:4] = [1.0, -1.0, 0.5, 0.0]

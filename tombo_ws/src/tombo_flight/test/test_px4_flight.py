@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +21,6 @@ from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.recorded_flight import measured_track, read_flight
-from tombo_flight.report.figure import figure_bytes
-from tombo_flight.report.flight_plot import draw_flight
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.node_diagnostics import NodeStatus
 from tombo_flight.suite.node_flight import over_mavlink
@@ -69,25 +66,9 @@ def test_nobody_at_the_other_end_is_said():
         find_vehicle(connection.link, patience_s=0.3)
 
 
-@pytest.mark.slow
-def test_another_system_is_named_and_how_to_reach_it():
-    with speaking(7, 2) as url, pytest.raises(
-        InputError, match=r"system 7 speaks here, waiting for 1: set link.system=7"
-    ):  # fmt: skip
-        find_vehicle(LinkParams(url=url), patience_s=0.5)
-
-
 def test_an_autopilot_that_is_no_px4_is_refused():
     with speaking(1, autopilot=3) as url, pytest.raises(InputError, match="autopilot 3 is no PX4"):
         find_vehicle(LinkParams(url=url), patience_s=60.0)
-
-
-@pytest.mark.slow
-def test_a_signed_link_says_what_it_has_refused(tmp_path):
-    key = tmp_path / "key"
-    key.write_bytes(bytes(range(32)))
-    with speaking(1) as url, pytest.raises(InputError, match=r"\d+ messages without a signature"):
-        find_vehicle(LinkParams(url=url, key_file=str(key)), patience_s=0.5)
 
 
 @pytest.mark.slow
@@ -147,16 +128,7 @@ def test_of_a_real_vehicle_the_mocap_is_what_is_known(flown, real):
     assert found["settled_error_m"] == pytest.approx(wanted["settled_error_m"], abs=0.01)
     assert found["hover_rms_m"] == pytest.approx(wanted["hover_rms_m"], abs=0.01)
     assert abs(shift_s) < 1.5
-
-
-@pytest.mark.slow
-def test_what_only_the_truth_tells_is_not_made_up(flown, real):
-    found = read_flight(real).summary
-    for key in (
-        "contact_point_m", "contact_rotor", "detection_latency_s", "strikes", "rotors_broken",
-        "peak_contact_force_n",
-    ):  # fmt: skip
-        assert flown.summary[key] is not None, key
+    for key in ("contact_point_m", "contact_rotor", "detection_latency_s", "strikes"):
         assert found[key] is None, key
 
 
@@ -214,18 +186,12 @@ def test_a_vehicle_that_arms_and_disarms_is_at_rest_in_the_end():
             [(1.0, {"stage": "given up", "why": "arming denied: 'Resolve ...'"}, 1, False)],
             "PX4 did not take off: arming denied: 'Resolve ...'",
         ),
-        ([(1.0, {}, 1, False)], ""),
         ([(1.0, {"findings": ["a", "b"]}, 7, False)], "PX4 was not armed within 0 s: a; b"),
         ([(START_S + 1, None, None, False)], "the bridge has said nothing for 61 s"),
-        ([(READY_S + 1, {"connected": False}, None, False)], ""),  # its first word
         ([(1.0, {}, 0, False), (READY_S + 2, {"connected": False}, None, False)], "no heartbeat"),
         (
             [(40.0, {}, 0, False), (READY_S + 41, {"findings": ["nothing is fused"]}, 0, False)],
             "PX4 was not armed within 26 s: nothing is fused",
-        ),
-        (
-            [(1.0, {}, 0, False), (READY_S + 2, {"stage": "arming"}, 0, False)],
-            ": it stands arming",
         ),
     ],
 )
@@ -238,7 +204,6 @@ def test_a_vehicle_that_does_not_arm_is_given_up_with_the_reason(looks, reason):
     ("last", "phase", "reason"),
     [
         ({"status_text": "Disarmed by auto preflight disarming"}, 7, "auto preflight disarming"),
-        ({"why": "landed"}, 7, "it never left the ground: landed"),
         ({"stage": "given up", "why": "disarmed in flight", "status_text": "x"}, 1, "in flight"),
         ({"why": "landed"}, 1, ""),
         ({"armed": True}, 7, ""),
@@ -277,19 +242,6 @@ def test_only_what_nobody_has_asked_for_is_a_loss(counted, why):
     found.see(READY, 2, 5.0, over=False, airborne=True, bridge=bridge)
     found.see(READY, 7, 9.0, over=True, airborne=True, bridge=bridge)
     assert (found.loss, found.refusal) == (why, "")
-
-
-def test_the_bridges_own_fault_says_why_nothing_is_armed():
-    found = watched((0.0, {}, 1, False))
-    bridge = NodeStatus(1, "not_engaged: the mission wants to fly")
-    found.see(None, 1, READY_S + 1, over=False, bridge=bridge)
-    assert found.refusal.endswith("26 s: not_engaged: the mission wants to fly")
-
-
-def test_what_is_armed_in_the_end_and_does_not_land_is_not_waited_for():
-    found = watched((0.0, {"armed": True, "mode": "position"}, 1, False), (60.0, None, 5, True))
-    assert found.at_rest and found.armed and found.mode == "position"
-    assert not watched((0.0, {"armed": True}, 1, False), (60.0, None, 6, True)).at_rest
 
 
 def test_parameters_of_px4_go_to_the_bridge():
@@ -350,29 +302,13 @@ def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
     assert (found["armed_s"], found["armed_duration_s"]) == (1.5, 9.5)
     assert (found["offboard_s"], found["offboard_duration_s"]) == (1.5, 7.5)
     assert found["modes"] == [[0.5, "hold"], [1.0, "offboard"], [9.0, "land"]]
-    assert found["stages"][-1] == [11.0, "ready"]
     assert found["status_texts"] == [[9.0, "Landing"], [11.0, "Disarmed"]]
     assert found["firmware"] == "1.17.0"
     assert (found["time_offset_ns"], found["mocap_latency_ms"]) == (-5, 10.5)
     assert (found["messages_in"], found["messages_out"]) == (77, None)
     assert found["time_round_trip_us"] is None
-    assert found["refused"] == {"link.unsigned": 3, "refused.range": 2}
 
 
 def status(time_s: float, **more: object) -> bytes:
     header = {"stamp": stamp(EPOCH_NS + round(time_s * 1e9)), "frame_id": "map"}
     return encode(PX4_STATUS.typename, {"header": header, "firmware": "1.17.0", **more})
-
-
-@pytest.mark.slow
-def test_without_a_bridge_nothing_is_made_up(flown, tmp_path):
-    path = tmp_path / "flight.mcap"
-    write_mcap(flown, path)
-    record = read_flight(path)
-    with Recording(path) as recording:
-        found = px4_metrics(recording, record)
-
-    assert found["modes"] == [] and found["refused"] == {}
-    assert found["armed_s"] is None and found["armed_duration_s"] == 0.0
-    assert found["messages_in"] is None
-    figure_bytes(draw_flight(replace(record, summary={**record.summary, "px4": found})))

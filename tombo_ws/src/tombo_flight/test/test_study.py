@@ -41,17 +41,6 @@ def test_each_task_is_flown_in_another_process_and_kept_under_its_key():
             assert row["process"] != os.getpid()
 
 
-def test_a_stopped_study_keeps_what_was_flown():
-    rows = {}
-    tasks = [Task(seed, 1.0, seed) for seed in range(500)]
-
-    def keep(flown):
-        rows.update({task.key: row for task, row in flown})
-
-    fly_tasks(Heights(), tasks, len(tasks), keep, workers=1, stop=lambda: len(rows) >= 2)
-    assert 2 <= len(rows) < len(tasks)
-
-
 def seed_of(flight):
     return {"seed": flight.summary["seed"]}
 

@@ -14,7 +14,6 @@ from tombo_flight.vehicle_file import (
     builtin_vehicles,
     read_vehicle,
     vehicle_from_text,
-    vehicle_text,
     write_vehicle,
 )
 
@@ -79,11 +78,8 @@ def test_what_is_left_out_has_the_vehicles_own_size():
     ("old", "new", "words"),
     [
         ("value: 1.5", "value: .nan", ("vehicle.mass", "nan", "[kg]")),
-        ("value: 1.5", "value: [1.5]", ("vehicle.mass", "[1.5]")),
         ("value: 1.5", "value: -1.5", ("vehicle.mass", "-1.5", "0.01 to 10")),
         ("value: 1.5, ", "", ("vehicle.mass", "no value")),
-        ("tolerance: 0.005", "tolerance: .inf", ("vehicle.mass.tolerance", "inf")),
-        ("tolerance: 0.005", "tolerance: 0", ("vehicle.mass.tolerance", "0")),
         ("tolerance: 0.005", "tolerance: much", ("vehicle.mass.tolerance", "much")),
         ("tolerance: 0.005", "sigma: 0.005", ("sigma", "tolerance")),
         ("arm_length", "arm_lenght", ("arm_lenght", "did you mean 'arm_length'")),
@@ -94,10 +90,7 @@ def test_what_is_left_out_has_the_vehicles_own_size():
         ("radius: 0.127", "radius: 0.127\n  curve: [[1, 2]]", ("propeller.curve[0]", "rows")),
         ("value: 1.5", "value: 1.5}\n  rotor_speed_max: {value: 300", ("k_thrust", "at most")),
         ("tombo_vehicle: 1", "tombo_vehicle: 2", ("tombo_vehicle: 2", "accepted: 1")),
-        ("tombo_vehicle: 1", "tombo_vehicel: 1", ("tombo_vehicle",)),
-        ("name:", "nmae:", ("nmae", "did you mean 'name'")),
         (OWN[OWN.index("propeller"):], "", ("propeller: missing",)),
-        (OWN, "", ("tombo_vehicle",)),
         (OWN, "[1, 2]", ("tombo_vehicle",)),
         ("vehicle:\n", "vehicle: {\n", ("YAML",)),
         ("name: My S500", "name: x\neffects: {linear_rotor_drag: 3}", ("linear_rotor_drag", "3")),
@@ -112,21 +105,6 @@ def test_a_wrong_file_is_refused_in_one_line(old, new, words):
     assert "v.yaml" in message and "\n" not in message
     for word in words:
         assert word in message
-
-
-def test_a_written_file_that_lost_its_end_is_refused():
-    text = vehicle_text(vehicle_from_text(OWN, "own"))
-    for end in range(text.index("---") + 4, len(text) - 5, 7):
-        with pytest.raises(InputError):
-            vehicle_from_text(text[:end], "v.yaml")
-
-
-def test_a_radius_that_contradicts_the_blade_is_refused():
-    """The Tombo blade ends at 111.1 mm, whatever vehicle.rotor_radius says."""
-    for setting in ("vehicle.rotor_radius=0.127", "propeller.radius=0.127"):
-        with pytest.raises(InputError, match=r"0\.127 m, but .* 0\.1111 m"):
-            load_scenario("hover", [setting])
-    assert load_scenario("hover", ["propeller.radius=0.1111"]).vehicle == VehicleParams()
 
 
 def test_settings_win_over_the_file_and_the_file_over_the_scenario(tmp_path):

@@ -23,34 +23,3 @@ def command_line(
     for name, value in [*options, *(("--set", text) for text in settings)]:
         line += [name, value] if value else []
     return shlex.join(line)
-
-
-def fly_command(
-    scenario: str,
-    seed: int,
-    *,
-    settings: Sequence[str] = (),
-    model: str = "",
-    vehicle: str = "",
-    imports: Sequence[tuple[str, str]] = (),
-) -> str:
-    """Return the command that flies one flight again.
-
-    Args:
-        scenario: name or file.
-        seed: of the flight.
-        settings: texts of --set.
-        model: a model.yaml, empty: none.
-        vehicle: name or file, empty: the scenario's.
-        imports: files of the user, as of `imported_files`.
-    """
-    return command_line(
-        ("fly", scenario),
-        [
-            ("--seed", str(seed)),
-            ("--model", model),
-            ("--vehicle", vehicle),
-            *(("--import", path) for path, _ in imports),
-        ],
-        settings,
-    )

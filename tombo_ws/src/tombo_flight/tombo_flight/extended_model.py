@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -63,13 +64,13 @@ class ModelSource:
 class Origin:
     """Origin of the model."""
 
-    tool: str
+    tool: str = ""
     """Name and version of what fitted it."""
-    date: str
-    verdict: str
-    confidence: float
-    summary: str
-    scenario: str
+    date: str = ""
+    verdict: str = ""
+    confidence: float = math.nan
+    summary: str = ""
+    scenario: str = ""
     """Name of the nominal scenario, with the effects before the fit."""
     extends: str = ""
     """The model that it was made from, if any."""

@@ -7,8 +7,6 @@ reaction decides here, whichever it is.
 from __future__ import annotations
 
 import math
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,14 +18,14 @@ from tombo_bag.flight import Flight, Series, Topic
 from tombo_bag.flight_topics import flown_topics
 from tombo_bag.topics import COLLISION_EVENT, CONTACT_EVENT, MISSION_STATUS, REACTION_STATUS
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.core import Core, Output, no_texts
+from tombo_dynamics.core import Output, no_texts
 from tombo_dynamics.effects.downwash import jet_of, set_jets
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.message_records import record_of
 from tombo_dynamics.plant import Plant
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
 from tombo_flight.flight_metrics import phase_event, with_figures
-from tombo_flight.scenario import Scenario, world_of
+from tombo_flight.scenario import Scenario, as_mapping, world_of
 from tombo_flight.several_vehicles import FlownVehicle
 from tombo_flight.wiring import core_of
 from tombo_sim.flight_loop import (
@@ -76,50 +74,18 @@ class Workspace:
     log: Any = field(default_factory=lambda: new_log(0))
     published: tuple[Any, ...] = field(default_factory=lambda: new_published(1, 0))
     _ticks: int = 0
-    _unused: list[int] = field(default_factory=list)
-    """`references` when it was made."""
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The columns of the log that flights keep."""
         return FIGURE_COLUMNS if self.figures_only else Log._fields
 
-    @property
-    def references(self) -> list[int]:
-        """Number of references to each piece of memory: arrays of a flight are some."""
-        return [sys.getrefcount(piece) for piece in (self.log.position.base, *self.published)]
-
-    def is_free(self) -> bool:
-        """Return whether it holds no array of a flight any more."""
-        return self.references == self._unused
-
     def for_flight(self, ticks: int) -> tuple[Any, tuple[Any, ...]]:
         """Return a log and tables of messages; their content is what the last flight left."""
         if self._ticks < ticks:
             self.log, self.published = new_log(ticks, self.columns), new_published(1, ticks)
-            self._ticks, self._unused = ticks, self.references
+            self._ticks = ticks
         return part_of(self.log, slice(ticks)), self.published
-
-
-_spare: list[Workspace] = []
-"""Memory of flights without a `Workspace` of their own, reused when these are forgotten."""
-_spare_lock = threading.Lock()
-_MOST_SPARE = 2
-_LONGEST_SPARE = 100_000
-"""[tick]"""
-
-
-def _spare_or_new() -> Workspace:
-    with _spare_lock:
-        free = next((i for i, memory in enumerate(_spare) if memory.is_free()), None)
-        return Workspace() if free is None else _spare.pop(free)
-
-
-def _keep_spare(memory: Workspace, ticks: int) -> None:
-    with _spare_lock:
-        if ticks <= _LONGEST_SPARE:
-            _spare.append(memory)
-            del _spare[:-_MOST_SPARE]
 
 
 def fly_scenario(
@@ -129,7 +95,6 @@ def fly_scenario(
     progress: Callable[[float], None] | None = None,
     stop: Callable[[], bool] | None = None,
     prepare: Callable[[Plant], None] | None = None,
-    finish: Callable[[Sequence[Core]], None] | None = None,
 ) -> Flight:
     """Fly a scenario and return the flight.
 
@@ -141,7 +106,6 @@ def fly_scenario(
         stop: asked now and then; True ends the flight where it is.
         prepare: called with the plant before the first tick, to change what a scenario
             cannot say.
-        finish: called with the cores after the last tick, to see what a record does not have.
 
     Raises:
         InputError: the propeller cannot lift the vehicle; the vehicle would start inside the
@@ -152,19 +116,13 @@ def fly_scenario(
     if prepare is not None:
         prepare(setup.plant)
     ticks = round(scenario.duration / TICK_S)
-    memory = workspace or _spare_or_new()
+    memory = workspace or Workspace()
     log, published = memory.for_flight(ticks)
     running = _Running(scenario, setup, log, published)
     began = time.perf_counter()
     running.fly(ticks, progress, stop)
     wall = time.perf_counter() - began
-    if finish is not None:
-        finish(running.cores)
-
-    flight = running.flown(seed, memory.columns, wall, figures_only=memory.figures_only)
-    if workspace is None:
-        _keep_spare(memory, ticks)
-    return flight
+    return running.flown(seed, memory.columns, wall, figures_only=memory.figures_only)
 
 
 def fly_several(vehicles: Sequence[FlownVehicle]) -> dict[str, Flight]:
@@ -303,7 +261,7 @@ class _Running:
 
 def as_flown(scenario: Scenario, seed: int, setup: FlightSetup) -> dict[str, Any]:
     """Return the scenario as plain values, with the seed and the values that follow from it."""
-    flown = dict(scenario.plain)
+    flown = as_mapping(scenario)
     flown["effects"] = setup.effects
     flown["estimator"] = {**flown["estimator"], "mocap_rate": setup.mocap_rate}
     flown["seed"] = seed

@@ -47,7 +47,7 @@ _LANDS_WITHIN = 3.0
 """[m]: twice the drift of a descent without a position."""
 _LANDS_BELOW = 0.5
 _IMU = Trigger.IMU.name.lower()
-_NAME_OF_TRIGGER = {int(trigger): trigger.name.lower() for trigger in Trigger}
+TRIGGER_NAMES = {int(trigger): trigger.name.lower() for trigger in Trigger}
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def detection_of(message: CollisionEvent, known_s: float, epoch_ns: int) -> Dete
     stamp_s, contact_s = (
         (stamp_ns - epoch_ns) * 1e-9 for stamp_ns in (message.stamp_ns, message.contact_stamp_ns)
     )
-    trigger = _NAME_OF_TRIGGER.get(message.trigger, "unknown")
+    trigger = TRIGGER_NAMES.get(message.trigger, "unknown")
     return Detection(known_s, stamp_s, contact_s, trigger, message)
 
 
@@ -229,10 +229,6 @@ def squares(vectors: Array) -> Array:
     x, y, z = vectors.T  # a sum over the short axis takes ten times as long
     squares: Array = x * x + y * y + z * z
     return squares
-
-
-def _rms(vectors: Array) -> float | None:
-    return float(np.sqrt(np.mean(squares(vectors)))) if vectors.size else None
 
 
 def _number(value: float | None, digits: int = 6) -> float | None:
@@ -424,9 +420,8 @@ def _tracking(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     phases = log["mode"][:end, 0]
 
     def rms(phase: Phase) -> float | None:
-        there: Any = np.flatnonzero(phases == phase)
-        if there.size and there[-1] - there[0] == there.size - 1:
-            there = slice(there[0], there[-1] + 1)  # copies nothing
-        return _number(_rms(log["position"][there] - log["position_setpoint"][there]))
+        there = phases == phase
+        away = squares(log["position"][:end][there] - log["position_setpoint"][:end][there])
+        return _number(float(np.sqrt(np.mean(away)))) if away.size else None
 
     return {"hover_rms_m": rms(Phase.HOVER), "approach_rms_m": rms(Phase.APPROACH)}

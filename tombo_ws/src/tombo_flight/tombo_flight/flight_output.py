@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,20 +27,10 @@ _REHEARSAL_S = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class FlightResult:
-    """A flight, its summary as in the file, and the duration of recording."""
+    """A flight, and its summary as in the file."""
 
     record: Flight
     summary: dict[str, Any]
-    recording_s: float | None
-    """Wall time of writing `flight.mcap` [s]; None: not recorded."""
-
-    @property
-    def real_time_factor_with_recording(self) -> float | None:
-        """Flight time over wall time of flight and recording together; None: not recorded."""
-        if self.recording_s is None:
-            return None
-        total = float(self.summary["wall_time_s"]) + self.recording_s
-        return float(self.summary["duration_s"]) / total if total > 0.0 else None
 
     @property
     def page(self) -> Page:
@@ -52,12 +41,8 @@ class FlightResult:
         line = f"Flown in {summary['wall_time_s']:.3f} s"
         if (factor := summary["real_time_factor"]) is not None:
             line += f", {factor:.{0 if factor >= 10 else 2}f} times real time"
-        factor = self.real_time_factor_with_recording
-        if factor is not None and self.recording_s is not None:
-            line += (
-                f"; {summary['recorded_messages']} messages recorded in {self.recording_s:.3f} s, "
-                f"together {factor:.0f} times"
-            )
+        if summary["recorded_messages"] is not None:
+            line += f"; {summary['recorded_messages']} messages recorded"
         cut = f"Interrupted after {summary['duration_s']:.3f} s of flight."
         remarks = [cut] if summary["interrupted"] else []
         page = flight_page(self.record, remarks=[*remarks, f"{line}."])
@@ -120,9 +105,6 @@ def fly_into(
     Raises:
         OSError: the files can't be written.
     """
-    if record:  # the time of recording excludes imports
-        import tombo_bag.flight_topics  # noqa: F401
-
     interrupted = False
 
     def cut() -> bool:
@@ -137,34 +119,27 @@ def fly_into(
         progress=lambda now: on_progress("flying", now / scenario.duration),
         stop=cut,
     )
-    messages = seconds = None
+    messages = None
     if record:
         on_progress("writing flight.mcap", 0.0)
-        messages, seconds = write_mcap(flown, folder / "flight.mcap")
+        messages = write_mcap(flown, folder / "flight.mcap")
     summary = flight_summary(flown, interrupted=interrupted, recorded_messages=messages)
     flown = dataclasses.replace(flown, summary=summary)
     write_scenario(folder / SCENARIO_FILE, scenario, f"--seed {seed}")
     (folder / "summary.json").write_text(as_json(summary), encoding="utf-8", newline="\n")
     if not interrupted:
         draw_pictures(flown, folder, stop, on_progress)
-    return FlightResult(flown, summary, seconds)
+    return FlightResult(flown, summary)
 
 
-def write_mcap(flight: Flight, path: Path) -> tuple[int, float]:
-    """Write `flight.mcap`; return its number of messages and the wall time [s]."""
-    from mcap.reader import make_reader
-
+def write_mcap(flight: Flight, path: Path) -> int:
+    """Write `flight.mcap`; return its number of messages."""
     from tombo_bag.flight_topics import write_flight
     from tombo_bag.formats.mcap_sink import McapSink
 
-    began = time.perf_counter()
     with McapSink(path) as sink:
         write_flight(sink, flight)
-    seconds = time.perf_counter() - began
-    with path.open("rb") as file:
-        content = make_reader(file).get_summary()
-    statistics = content.statistics if content is not None else None
-    return (statistics.message_count if statistics is not None else 0), seconds
+    return sink.message_counts.total()
 
 
 def draw_pictures(

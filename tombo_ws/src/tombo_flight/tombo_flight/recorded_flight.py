@@ -62,7 +62,6 @@ _LONGEST_TICKS = 4 * 3600 * TICK_HZ
 _UNIT = 1e-2
 """How far from 1 the length of a rotation's quaternion may be."""
 _MEASURED_VELOCITY = "velocity_in_map"
-_DIGITS = 20
 _BEYOND_NS = SECOND_NS
 """A flight ends at most this time after its last known state."""
 _TOPICS = (
@@ -123,7 +122,10 @@ def read_flight(path: Path, wall_time_s: float = 0.0) -> Flight:
         }
         metadata = recording.metadata.get(FLIGHT_METADATA, {})
     fields = {name: table for name, table in fields.items() if len(table["log_time_ns"])}
-    flown, scenario = _scenario(path, metadata)
+    try:
+        flown, scenario = scenario_of_metadata(metadata)
+    except InputError as error:
+        raise InputError(f"'{path}': {error}") from error
     has_truth = TRUE_ODOMETRY.name in fields
     motion = fields[TRUE_ODOMETRY.name] if has_truth else _mocap_track(path, fields)
     known = motion["stamp_ns"]
@@ -388,7 +390,7 @@ def _epoch(metadata: Mapping[str, str], fields: Fields, stamps: Times, scenario:
     The mission's first word comes some poses and a step after the beginning at most.
     """
     known = metadata.get("epoch_ns", "")
-    if known.isascii() and known.isdecimal() and len(known) < _DIGITS:
+    if known.isdecimal():
         return int(known)
     first = int(stamps.min())
     mission = fields.get(MISSION_STATUS.name)
@@ -400,7 +402,7 @@ def _epoch(metadata: Mapping[str, str], fields: Fields, stamps: Times, scenario:
     return first + ticks * TICK_NS
 
 
-def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], Scenario]:
+def scenario_of_metadata(metadata: Mapping[str, str]) -> tuple[dict[str, Any], Scenario]:
     """Return the scenario as flown, and as a scenario again; defaults if the file has none.
 
     Raises:
@@ -417,6 +419,6 @@ def _scenario(path: Path, metadata: Mapping[str, str]) -> tuple[dict[str, Any], 
         if "x_m" in pole:
             values["obstacle"] = {key: pole[f"{key}_m"] for key in ("x", "y", "radius", "top")}
         return flown, scenario_from_mapping(values, str(flown.get("name", "recording")))
-    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
         why = error if isinstance(error, InputError) else "it is none"
-        raise InputError(f"'{path}': its scenario can't be used: {why}") from error
+        raise InputError(f"its scenario can't be used: {why}") from error

@@ -102,20 +102,16 @@ def run_wiring(scenario: Scenario, seed: int, record: Record) -> int:
 _SECONDS = 0.25
 
 
-def warm_up_nodes(scenario: Scenario) -> int:
-    """Fly a quarter of a second by the wiring, and the fail-safe; return the rotor commands.
+def warm_up_nodes(scenario: Scenario) -> None:
+    """Fly a quarter of a second by the wiring, and the fail-safe.
 
     Raises:
         InputError: as `Simulator`.
     """
-    topics: list[str] = []
-    run_wiring(
-        replace(scenario, duration=_SECONDS), 0, lambda topic, message: topics.append(topic)
-    )
+    run_wiring(replace(scenario, duration=_SECONDS), 0, lambda topic, message: None)
     simulator = Simulator(world_of(scenario), 0)
     failsafe = Failsafe(simulator, scenario.vehicle)
     failsafe.engage(0)
     for _ in range(2):
         simulator.advance(failsafe.command)
         failsafe.observe(simulator)
-    return topics.count(COMMAND)

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,6 @@ from tombo_flight.extended_model import merge_effects
 from tombo_flight.model_file import read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
 from tombo_flight.vehicle_file import VehicleFile, is_builtin_vehicle, vehicle_named
-from tombo_sim.propeller_effects import vehicle_effects
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 DEFAULT_SCENARIO = "paper_collision"
@@ -72,17 +71,10 @@ class Scenario:
     volume: FlightVolume = field(default_factory=FlightVolume)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
-    @cached_property
-    def plain(self) -> Mapping[str, Any]:
-        """What `as_mapping` returns, made once for all flights; not to be changed."""
-        return as_mapping(self)
-
 
 _SCENARIOS = Path(str(resources.files("tombo_flight"))) / "scenarios"
 _TOMBO_KEYS = ("propeller.conf", "propeller.law", "propeller.library")
 """Settings that choose a Tombo propeller."""
-_DECIMAL = re.compile(r"-?(0|[1-9][0-9]{0,15})(\.[0-9]{1,20})?")
-"""A value that needs no YAML: studies read some in each flight."""
 _ALWAYS_SAID = ("conf", "law", "library")
 """Keys of a propeller that a flown scenario states even where they have their defaults."""
 _SECTIONS: dict[str, Any] = {
@@ -103,9 +95,6 @@ def _text_of(name: str, folder: Path) -> tuple[str, Path | None]:
     if (source := _builtin_file(name)) is not None:
         return source.read_text(encoding="utf-8"), None
     path = folder / name
-    if path.is_dir():
-        names = ", ".join(builtin_scenarios())
-        raise InputError(f"scenario '{name}' is a folder; accepted: a YAML file, or {names}")
     if not path.is_file():
         if path.suffix not in (".yaml", ".yml"):
             raise unknown_name("scenario", name, builtin_scenarios())
@@ -138,18 +127,11 @@ def _files_beside(values: Any, folder: Path) -> Any:
     if not isinstance(values, dict):
         return values
     found = dict(values)
-    propeller, vehicle = values.get("propeller"), values.get("vehicle")
-    reaction = values.get("reaction")
-    if isinstance(reaction, dict) and isinstance(reaction.get("network"), str):
-        found["reaction"] = {**reaction, "network": str(folder / reaction["network"])}
-    if isinstance(propeller, dict):
-        library = propeller.get("library")
-        if isinstance(library, str) and library:
-            found["propeller"] = {**propeller, "library": str(folder / library)}
-    mission = values.get("mission")
-    course = mission.get("course") if isinstance(mission, dict) else None
-    if isinstance(course, str) and course and "\n" not in course:
-        found["mission"] = {**values["mission"], "course": str(folder / course)}
+    for section, key in (("reaction", "network"), ("propeller", "library"), ("mission", "course")):
+        path = _section(values, section).get(key)
+        if isinstance(path, str) and path and "\n" not in path:
+            found[section] = {**values[section], key: str(folder / path)}
+    vehicle = values.get("vehicle")
     if isinstance(vehicle, str) and not is_builtin_vehicle(vehicle):
         found["vehicle"] = str(folder / vehicle)
     return found
@@ -308,7 +290,6 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     for key, value in values.items():
         if key not in accepted:
             raise unknown_name(f"key in scenario '{label}'", key, accepted)
-        _refuse_decimal_comma(value, key)
         if key == "reaction":
             built[key] = reaction_from_mapping({} if value is None else value)
             if isinstance(built[key], Policy) and built[key].network is None:
@@ -349,27 +330,10 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     return dataclasses.replace(scenario, vehicle=fitted)
 
 
-def _refuse_decimal_comma(value: Any, section: str) -> None:
-    """Say what became of {mass: 1,4}: YAML reads a mass of 1, and a key 4 without a value.
-
-    Raises:
-        InputError: a key is a number without a value.
-    """
-    found = isinstance(value, Mapping) and next(
-        (key for key, inner in value.items() if isinstance(key, int) and inner is None), None
-    )
-    if found is not False and found is not None:
-        raise InputError(
-            f"{section}: the key {found} has no value; accepted: a decimal point, as in "
-            f"{{mass: 1.4}}: a comma ends the value before it"
-        )
-
-
 def as_mapping(scenario: Scenario) -> dict[str, Any]:
     """Return the scenario as plain nested dictionaries, as in a file."""
     plain: dict[str, Any] = dataclasses.asdict(scenario)
     plain["reaction"]["name"] = scenario.reaction.name
-    plain["react"] = scenario.reaction.name != NoReaction.name  # older readers know no `none`
     if not scenario.disturbances:
         del plain["disturbances"]
     left_out = dataclasses.asdict(PropellerChoice())
@@ -392,21 +356,6 @@ def as_mapping(scenario: Scenario) -> dict[str, Any]:
             for waypoint in course
         ]
     return plain
-
-
-def scenario_warnings(scenario: Scenario) -> list[str]:
-    """Return warnings about a scenario's probable mistakes, a sentence each."""
-    if scenario.obstacle.radius <= 0.0:
-        return []
-    found = []
-    effects = vehicle_effects(scenario.propeller, scenario.vehicle, scenario.effects)
-    if effects["contact_force"].get("stiffness") == 0.0:
-        found.append(
-            "the obstacle is permeable to the frame: effects.contact_force.stiffness is 0"
-        )
-    if scenario.obstacle.top <= 0.0:
-        found.append("the obstacle has no height, nothing touches it: obstacle.top is 0")
-    return found
 
 
 def world_of(scenario: Scenario) -> World:
@@ -510,34 +459,28 @@ def nested(
     if not separator or not key.strip():
         raise InputError(f"{option} '{setting}': expected key=value, as in {example}")
     *outer, last = key.strip().split(".")
-    value: dict[str, Any] = {last: _value_of(text, f"{option} '{setting}': '{text}'")}
+    value: dict[str, Any] = {last: parse_yaml(text, f"{option} '{setting}': '{text}'")}
     for name in reversed(outer):
         value = {name: value}
     return value
-
-
-def _value_of(text: str, what: str) -> Any:
-    """Return what YAML says, of a plain number without its reader."""
-    if _DECIMAL.fullmatch(text):
-        return float(text) if "." in text else int(text)
-    return parse_yaml(text, what)
 
 
 def laid_over(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """Return a scenario's values with others over them, key by key.
 
     Two keys set more than a value: with `disturbances: true` those of the suite lie between
-    the two; another `reaction.name` leaves the parameters of the reaction before. `react`, a word
-    of older files, chooses a reaction: false none, true the default one where there was none.
+    the two; another `reaction.name` leaves the parameters of the reaction before.
 
     Raises:
-        InputError: `react` or `disturbances` is not true or false, or `base` has disturbances that
-            `over` does not want.
+        InputError: `disturbances` is not true or false, or `base` has some that `over` does not
+            want.
     """
     below, above = dict(base), dict(over)
-    if _flag(above, "react") is not None:
-        above["reaction"] = _reaction_of(below, above, react=above.pop("react"))
-    wanted = _flag(above, "disturbances")
+    if above.pop("react", True) is False:  # recordings of older versions
+        above["reaction"] = {"name": NoReaction.name}
+    wanted = above.get("disturbances")
+    if not isinstance(wanted, bool | None):
+        raise InputError(f"disturbances: {shown(wanted)} is not true or false")
     if wanted and not below.get("disturbances"):
         below = _merged(below, disturbances())
     elif wanted is False and below.get("disturbances"):
@@ -557,14 +500,6 @@ def disturbances() -> dict[str, Any]:
     return values
 
 
-def _flag(values: Mapping[str, Any], key: str) -> bool | None:
-    """Return a key that is true or false; None: it is not there."""
-    value = values.get(key)
-    if key in values and not isinstance(value, bool):
-        raise InputError(f"{key}: {shown(value)} is not true or false")
-    return value
-
-
 def _section(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     section = values.get(key)
     return section if isinstance(section, Mapping) else {}
@@ -573,16 +508,6 @@ def _section(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 def _reaction_name(values: Mapping[str, Any]) -> Any:
     """Return the name of the reaction that some values choose."""
     return _section(values, "reaction").get("name", DEFAULT)
-
-
-def _reaction_of(
-    below: Mapping[str, Any], above: Mapping[str, Any], *, react: bool
-) -> dict[str, Any]:
-    """Return the reaction of `react`, on top of `below`, together with the keys of `above`."""
-    own = dict(_section(above, "reaction"))
-    if not react:
-        return {"name": NoReaction.name}
-    return {"name": DEFAULT, **own} if _reaction_name(below) == NoReaction.name else own
 
 
 def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

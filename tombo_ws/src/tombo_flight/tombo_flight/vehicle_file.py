@@ -32,15 +32,7 @@ from tombo_dynamics.propeller.mounted_propeller import (
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import DriveParams, VehicleParams, similar_vehicle
 from tombo_dynamics.yaml_text import parse_yaml, read_text
-from tombo_flight.yaml_file import (
-    END,
-    check_end,
-    check_keys,
-    list_of,
-    mapping_of,
-    write_yaml,
-    yaml_of,
-)
+from tombo_flight.yaml_file import check_keys, list_of, mapping_of, write_yaml, yaml_of
 
 FORMAT = 1
 _SECTIONS: dict[str, type[Any]] = {
@@ -50,8 +42,6 @@ _SECTIONS: dict[str, type[Any]] = {
     "drive": DriveParams,
 }
 _KEYS = ("tombo_vehicle", "name", "about", *_SECTIONS, "effects", "sources", "healthy")
-_BEGIN = "---"
-"""A document that begins so must end with `END`."""
 _HEAD = (
     "# A vehicle. Fly it: tombo fly hover --vehicle THIS_FILE. docs/own_vehicle.md says what\n"
     "# each value means, and what is taken where one is left out.\n"
@@ -149,7 +139,7 @@ def read_vehicle(name: str) -> VehicleFile:
     """Read and check a vehicle by name (built in) or path.
 
     Raises:
-        InputError: there is none, it is cut off or no vehicle, has unknown keys, or values that no
+        InputError: there is none, it has no vehicle, unknown keys, or values that no
             simulation takes.
     """
     if is_builtin_vehicle(name):
@@ -178,8 +168,6 @@ def vehicle_from_text(text: str, what: str, folder: Path = Path()) -> VehicleFil
     Raises:
         InputError: as `read_vehicle`.
     """
-    if re.search(rf"^{_BEGIN}\s*$", text, re.MULTILINE):
-        check_end(text, what)
     values = parse_yaml(text, what)
     if not isinstance(values, Mapping) or "tombo_vehicle" not in values:
         raise InputError(f"{what}: no key tombo_vehicle; accepted: {_ACCEPTED}")
@@ -271,25 +259,16 @@ def _healthy(content: Any) -> HealthyFlights | None:
         return None
     values = mapping_of(content, "healthy")
     check_keys(values, ("flights", "left_out", "accused", "spread", "residuals"), "healthy")
-    spread = {
-        str(label): check_number(f"healthy.spread.{label}", v, "1", (0.0, 1e6))
-        for label, v in mapping_of(values.get("spread") or {}, "healthy.spread").items()
-    }
-    residuals = {
-        str(name): tuple(
-            check_number(f"healthy.residuals.{name}", v, "1", (0.0, 1e12))
-            for v in list_of(variances, f"healthy.residuals.{name}")
+    try:
+        return HealthyFlights(
+            int(values["flights"]),
+            {str(name): tuple(map(float, of)) for name, of in values["residuals"].items()},
+            {str(label): float(v) for label, v in (values.get("spread") or {}).items()},
+            int(values.get("left_out", 0)),
+            int(values.get("accused", 0)),
         )
-        for name, variances in mapping_of(values.get("residuals"), "healthy.residuals").items()
-    }
-    flights = check_number("healthy.flights", values.get("flights"), "1", (1, 1e6), integer=True)
-    asked = (0, flights)
-    left_out = check_number(
-        "healthy.left_out", values.get("left_out", 0), "1", asked, integer=True
-    )
-    asked = (0, left_out)
-    accused = check_number("healthy.accused", values.get("accused", 0), "1", asked, integer=True)
-    return HealthyFlights(int(flights), residuals, spread, int(left_out), int(accused))
+    except (TypeError, ValueError, KeyError, AttributeError) as error:
+        raise InputError(f"healthy: {error}; accepted: what `tombo vehicle fit` writes") from None
 
 
 def _of_effects(given: Any) -> Mapping[str, Mapping[str, float]]:
@@ -356,7 +335,7 @@ def vehicle_text(file: VehicleFile) -> str:
             "spread": dict(file.healthy.spread),
             "residuals": residuals,
         }
-    return f"{_HEAD}{_BEGIN}\n{yaml_of(values)}{END}\n"
+    return f"{_HEAD}{yaml_of(values)}"
 
 
 def _noted(value: Any, note: Note | None) -> Any:

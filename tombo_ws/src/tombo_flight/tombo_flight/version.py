@@ -8,6 +8,8 @@ from pathlib import Path
 
 _GIT = ("git", "--no-optional-locks")
 _LONGEST_S = 5.0
+
+
 _UNTRACKED = ("ls-files", "--others", "--exclude-standard", "--")
 _SOURCES = (":/*.py", ":/tombo_ws/src")
 """Where a file of the repository is code, or a scenario or vehicle that is flown by name."""

@@ -12,9 +12,6 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_flight.json_text import plain
 from tombo_flight.process.output_folder import write_whole
 
-END = "..."
-"""YAML's end of a document: a file that the suite wrote has it as its last line."""
-
 
 def write_yaml(path: Path, text: str, what: str) -> None:
     """Write a text file, whole or not at all.
@@ -26,16 +23,6 @@ def write_yaml(path: Path, text: str, what: str) -> None:
         write_whole(path, text)
     except OSError as error:
         raise InputError(f"{what} can't be written: {error.strerror}") from error
-
-
-def check_end(text: str, what: str) -> None:
-    """Refuse a text whose last line is not `END`.
-
-    Raises:
-        InputError: it is cut off.
-    """
-    if text.rstrip().rpartition("\n")[2] != END:
-        raise InputError(f"{what} is cut off: its last line is not '{END}'")
 
 
 def yaml_of(values: Any) -> str:

@@ -241,7 +241,7 @@ def _diagnosis(root: Path, data: Path) -> None:
     from tombo_diagnosis.flight.nominal import nominal_model
     from tombo_diagnosis.report.figures import draw_pair
     from tombo_diagnosis.report.residual_data import best_pair, by_channel
-    from tombo_flight.report.flight_plot import figure_bytes
+    from tombo_flight.report.figure import figure_bytes
     from tombo_logs.readers.log_reader import read_logs
 
     logs = sorted((data / "flights").glob("*.csv.gz"))
@@ -335,14 +335,16 @@ PRODUCTS: Final = {
 
 
 def _fly_many(base: str, settings: Sequence[str], seeds: range) -> dict[str, Any]:
+    import pandas as pd
+
     from tombo_flight.flight_output import flight_summary
     from tombo_flight.process.study import fly_seeds
     from tombo_flight.scenario import load_scenario
-    from tombo_flight.sweep.statistics import columns_of, flight_statistics
+    from tombo_flight.sweep.statistics import flight_statistics
 
     rows = fly_seeds(load_scenario(base, settings), seeds, flight_summary, summary_only=True)
     flights = list(rows.values())
-    return {"flights": flights, "aggregate": flight_statistics(columns_of(flights))}
+    return {"flights": flights, "aggregate": flight_statistics(pd.DataFrame(flights))}
 
 
 def _tombo(*arguments: str) -> None:

@@ -5,7 +5,7 @@ import shlex
 import pytest
 
 from tombo_bringup.cli.main import application
-from tombo_flight.command_line import command_line, fly_command
+from tombo_flight.command_line import command_line
 from tombo_flight.scenario import load_scenario
 from tombo_flight.sweep.design import SweepDesign, parse_axis
 from tombo_flight.sweep.study import new_sweep
@@ -23,10 +23,8 @@ def parsed(line):
 
 
 def test_every_value_comes_back_as_it_was():
-    line = fly_command(
-        "my flight.yaml", 3, settings=["reaction={name: mine}"], model="a b/model.yaml",
-        vehicle="fit's.yaml",
-    )  # fmt: skip
+    options = [("--seed", "3"), ("--model", "a b/model.yaml"), ("--vehicle", "fit's.yaml")]
+    line = command_line(("fly", "my flight.yaml"), options, ["reaction={name: mine}"])
     values = parsed(line)
     assert (values["scenario"], values["seed"]) == ("my flight.yaml", 3)
     assert (values["model"], values["vehicle"]) == ("a b/model.yaml", "fit's.yaml")

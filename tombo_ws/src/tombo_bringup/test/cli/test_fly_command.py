@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import pytest
+import yaml
 from rosbags.highlevel import AnyReader
 from suite_bench import names
 
@@ -57,7 +57,6 @@ def test_a_flight_leaves_four_complete_files(tombo, tmp_path):
     assert (folder / "flight.png").read_bytes().startswith(b"\x89PNG\r\n")
     report = (folder / "report.html").read_text(encoding="utf-8")
     assert report.rstrip().endswith("</html>")
-    assert summary["tombo_version"] in report
 
 
 def test_the_same_flight_again_gives_the_same_bytes(tombo, tmp_path):
@@ -80,5 +79,4 @@ def test_options_reach_the_flight(tombo, tmp_path):
 
     assert (summary["conf"], summary["law"], summary["reaction"]) == (9, "published", "none")
     (folder,) = (tmp_path / "runs").iterdir()
-    report = (folder / "report.html").read_text()
-    assert re.search(r'<th scope="row">vehicle.mass</th>\s*<td>0.9</td>', report)
+    assert yaml.safe_load((folder / "scenario.yaml").read_text())["vehicle"]["mass"] == 0.9

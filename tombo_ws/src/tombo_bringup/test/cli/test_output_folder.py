@@ -26,6 +26,17 @@ def test_no_run_replaces_another_one_by_default(tombo, tmp_path):
     assert all(names(folder) == FILES for folder in (tmp_path / "runs").iterdir())
 
 
+def test_a_numbered_folder_that_was_taken_meanwhile_gets_another_number(tmp_path):
+    with open_output(tmp_path / "o", replace=False, numbered=True) as folder:
+        (folder / "summary.json").write_text("ours")
+        (tmp_path / "o" / "summary.json").write_text("theirs")
+        folder.publish()
+
+    assert (tmp_path / "o" / "summary.json").read_text() == "theirs"
+    assert folder.path == tmp_path / "o-2"
+    assert (folder.path / "summary.json").read_text() == "ours"
+
+
 def test_a_numbered_folder_of_a_run_that_failed_is_gone(tmp_path):
     with (
         pytest.raises(RuntimeError),
@@ -81,9 +92,4 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(refused, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
     monkeypatch.setattr(flight_output, "write_mcap", full)
-    refused(
-        ("fly", "hover", "--set", "duration=0.3"),
-        "No space left on device",
-        "runs/hover-0",
-        "MB are free",
-    )
+    refused(("fly", "hover", "--set", "duration=0.3"), "No space left on device", "runs/hover-0")

@@ -30,6 +30,25 @@ def test_a_version_names_the_commit_and_says_what_has_changed(tmp_path):
     assert commit_of(source) == git(tmp_path, "rev-parse", "--short=12", "HEAD") + ".dirty"
 
 
+def test_a_source_file_outside_of_the_commit_makes_the_tree_dirty(tmp_path):
+    folder = tmp_path / "tombo_ws" / "src" / "package"
+    folder.mkdir(parents=True)
+    (folder / "a.py").write_text("x = 1\n")
+    (tmp_path / ".gitignore").write_text("/runs/\n*.pyc\n")
+    git(tmp_path, "init", "-q")
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "-qm", "one")
+    clean = git(tmp_path, "rev-parse", "--short=12", "HEAD")
+    (tmp_path / "runs").mkdir()
+    for ignored in ("runs/mine.py", "notes.txt", "tombo_ws/src/package/a.pyc"):
+        (tmp_path / ignored).write_text("")
+        assert commit_of(folder / "a.py") == clean
+    for source in ("tombo_ws/src/package/b.py", "tombo_ws/src/other.yaml", "mine.py"):
+        (tmp_path / source).write_text("")
+        assert commit_of(folder / "a.py") == f"{clean}.dirty"
+        (tmp_path / source).unlink()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",

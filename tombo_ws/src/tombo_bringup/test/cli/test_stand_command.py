@@ -11,7 +11,6 @@ import pytest
 import yaml
 
 from tombo_dynamics.propeller import configuration, evaluate
-from tombo_flight.yaml_file import END
 
 
 @pytest.fixture
@@ -42,7 +41,7 @@ def write_model(folder, effects):
         for name, theta in effects.items()
     }
     text = yaml.safe_dump({"tombo_model": 1, "effects": parameters})
-    path.write_text(f"{text}{END}\n")
+    path.write_text(text)
     return path
 
 

@@ -52,8 +52,3 @@ def test_many_seeds_of_fly_are_a_sweep_of_the_single_flights(tombo, tmp_path):
     )
     refused = tombo("fly", "--seeds", "4:10", "-o", "c")
     assert refused.code == 2 and "another seeds" in refused.err
-
-
-@pytest.mark.parametrize("given", ["vehicle={mass: 1,4}", "mission={height: 2,5}"])
-def test_a_decimal_comma_in_a_mapping_gets_a_hint(refused, given):
-    refused(("fly", "hover", "--set", given), given.partition("=")[0], "decimal point")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import typer
@@ -77,12 +77,6 @@ def print_error(message: str) -> None:
         print(f"Error: {printable(' '.join(message.split()))}", file=sys.stderr)
     except OSError:  # standard error is closed
         return
-
-
-def print_warnings(messages: Sequence[str]) -> None:
-    """Write a line for each on standard error."""
-    for message in messages:
-        print(f"Warning: {printable(message)}", file=sys.stderr)
 
 
 def _discard_stdout() -> None:

@@ -182,8 +182,7 @@ def run_sweep(
     from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.cli.tables import show_page
     from tombo_flight.process.stop_signals import StopSignals
-    from tombo_flight.sweep.flying import fly_sweep
-    from tombo_flight.sweep.folder import HEAD, PAGE, TABLE, open_sweep
+    from tombo_flight.sweep.folder import HEAD, PAGE, TABLE, fly_sweep, open_sweep
 
     with (
         StopSignals() as stop,

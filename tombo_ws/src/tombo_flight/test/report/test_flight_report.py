@@ -1,6 +1,5 @@
 import base64
 import json
-import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -11,9 +10,8 @@ from page_reader import PageReader, blank_html, loads_nothing
 from scipy.spatial.transform import Rotation
 
 from tombo_flight.report.figures import figures_of
-from tombo_flight.report.flight_report import SCRIPTS, report_html, report_page, write_report
+from tombo_flight.report.flight_report import report_html, report_page, write_report
 from tombo_flight.report.html import asset
-from tombo_flight.report.milestones import find_milestones
 from tombo_flight.report.replay_data import COLUMNS, flight_block, kept_samples, script_json
 
 NODE = shutil.which("node")
@@ -52,19 +50,6 @@ def test_the_page_loads_nothing_is_small_and_always_the_same(flight):
     assert report_html(flight) == html
 
 
-def test_ids_are_unique_and_every_inner_link_has_its_end(page):
-    ids = [a["id"] for _, a in page.elements if "id" in a]
-    assert len(ids) == len(set(ids))
-    ends = {a["href"][1:] for t, a in page.elements if t == "a"}
-    assert ends <= set(ids)
-
-
-def test_every_element_the_scripts_look_for_is_there(page):
-    ids = {a["id"] for _, a in page.elements if "id" in a}
-    wanted = set(re.findall(r'find\("([\w-]+)"\)', asset("player.js")))
-    assert {"scene", "play", "jump", "time"} <= wanted <= ids
-
-
 def test_embedded_columns_are_the_records(flight, page):
     table = columns(page.block("flight"))
     index = np.round(table["t"][:, 0] * 1000.0).astype(int)
@@ -81,29 +66,28 @@ def run_node(path, source, *options):
     return done.stdout
 
 
-def test_samples_are_dense_around_the_contact_and_span_the_flight(flight):
-    t = flight.t[kept_samples(flight.t, 23.0)]
+def test_samples_span_the_flight(flight):
+    t = flight.t[kept_samples(flight.t)]
     assert (t[0], t[-1]) == (flight.t[0], flight.t[-1])
-    assert np.diff(t).max() <= 0.0201
-    assert np.diff(t[(t >= 22.5) & (t <= 29.5)]).max() <= 0.0051
-    assert 23.0 in t
+    assert np.diff(t).max() <= 0.0111
 
 
 def test_a_blow_between_samples_is_not_lost(flight):
     force = np.zeros_like(flight.log["contact_force"])
     force[30_013, 1] = -77.0
     record = replace(flight, log={**flight.log, "contact_force": force})
-    blow = columns(flight_block(record, find_milestones(record)))["contact_N"]
+    blow = columns(flight_block(record))["contact_N"]
     assert blow.max() == pytest.approx(77.0)
     assert np.count_nonzero(blow) == 1
 
 
-def test_text_from_outside_stays_text(make_flight):
+def test_text_from_outside_stays_text(flight):
     evil = "</script><script>alert(1)</script><img src=x onerror=alert(2)>{{plot}}&amp;"
-    record = make_flight(name=evil)
-    record.events.append({"time_s": 24.0, "kind": 'x" onclick="y', "text": evil})
-    record.scenario[evil] = {"note": evil}
-    record.summary["note"] = evil
+    record = replace(
+        flight,
+        events=[*flight.events, {"time_s": 24.0, "kind": 'x" onclick="y', "text": evil}],
+        summary={**flight.summary, "scenario": evil},
+    )
     page = blank_report(record)
     tags = [tag for tag, _ in page.elements]
     assert tags.count("script") == 3
@@ -112,22 +96,6 @@ def test_text_from_outside_stays_text(make_flight):
     assert evil in page.text_in("title")
     assert evil in page.text
     assert page.block("milestones")["events"][-1]["text"] == evil
-
-
-@pytest.mark.slow
-def test_every_flight_has_a_report(edge_flights, tmp_path):
-    path = tmp_path / "report.html"
-    for name, record in edge_flights.items():
-        write_report(record, path)
-        page = PageReader(path.read_text(encoding="utf-8"))
-        assert columns(page.block("flight"))["t"].size > 0, name
-        assert page.block("milestones")["verdict"] == find_milestones(record).verdict.value, name
-
-
-@pytest.fixture
-def of_paper(flight):
-    """The same flight, as one of the paper's experiment."""
-    return replace(flight, scenario={**flight.scenario, "name": "paper_collision"})
 
 
 @pytest.mark.parametrize(
@@ -142,29 +110,20 @@ def test_a_flight_of_ones_own_is_not_held_against_the_paper(flight, other):
     assert not [text for text in page.words if text.startswith("paper ")]
 
 
-def test_the_latency_is_that_of_whatever_knew_of_the_contact_first(flight):
-    summary = {**flight.summary, "contact_known_s": 0.004}
-    knew = replace(flight, summary=summary)
-
-    flown = {figure.key: value for figure, value, _ in figures_of(knew)}
-
-    assert flown["contact_known_s"] == pytest.approx(4.0)
-
-
-def test_the_table_holds_the_papers_figures_against_the_flights(of_paper):
-    rows = {figure.key: (value, printed) for figure, value, printed in figures_of(of_paper)}
-    assert rows["unstable_phase_s"] == (1.5, 1.5)
-    assert rows["recovery_phase_s"] == (pytest.approx(3.5), 3.5)
-    assert rows["recovery_time_s"] == (5.0, 5.0)
-    assert rows["max_falling_distance_m"] == (0.5, 0.5)
-    assert rows["collision_time_s"] == (23.0, 23.0)
-    assert rows["contact_known_s"] == (pytest.approx(70.0), None)
-    assert rows["bounce_m"] == (pytest.approx(0.8), 0.8)
-
-
-def test_without_the_reaction_the_paper_expects_a_crash(of_paper):
-    without = replace(of_paper, summary={**of_paper.summary, "reaction": "none"})
-    assert figures_of(without)[0][1:] == ("recovered", "falls and crashes")
+def test_the_table_holds_the_papers_figures_against_the_flights(flight):
+    rows = {figure.key: (value, printed) for figure, value, printed in figures_of(flight)}
+    unstable_s, recovery_s = (
+        flight.summary[f"{n}_s"] for n in ("unstable_phase", "recovery_time")
+    )
+    assert rows["unstable_phase_s"] == (unstable_s, 1.5)
+    assert rows["recovery_phase_s"] == (pytest.approx(recovery_s - unstable_s), 3.5)
+    assert rows["recovery_time_s"] == (recovery_s, 5.0)
+    assert rows["max_falling_distance_m"] == (flight.summary["max_falling_distance_m"], 0.5)
+    assert rows["contact_known_s"] == (
+        pytest.approx(1e3 * flight.summary["contact_known_s"]),
+        None,
+    )
+    assert rows["bounce_m"] == (pytest.approx(0.8, abs=1e-4), 0.8)
 
 
 def test_json_for_scripts_has_no_markup_and_no_nan():
@@ -175,13 +134,8 @@ def test_json_for_scripts_has_no_markup_and_no_nan():
 
 
 @needs_node
-def test_scripts_are_well_formed_together(tmp_path):
-    run_node(tmp_path / "script.js", "\n".join(map(asset, SCRIPTS)), "--check")
-
-
-@needs_node
 def test_the_pages_own_code_reads_the_flight(flight, page, tmp_path):
-    times = [0.0, 5.013, 22.9996, 23.0, 23.0333, 23.5, 30.0001, float(flight.t[-1])]
+    times = [0.0, 5.013, 22.9, 23.5, 27.3, 30.0001, float(flight.t[-1])]
     probe = """
 const flight = decodeFlight(block);
 const out = times.map((t) => ({
@@ -205,7 +159,7 @@ console.log(JSON.stringify(out));
         assert seen["tilt"] == pytest.approx(np.degrees(np.arccos(up[2])), abs=1.5)
         roll_deg = attitude.as_euler("xyz", degrees=True)[0]
         assert seen["angles"][0] == pytest.approx(roll_deg, abs=1.5)
-    assert [seen["mode"] for seen in found][3:6] == [4.0, 4.0, 4.0]
+    assert [seen["mode"] for seen in found][3:5] == [4.0, 4.0]
 
 
 @needs_node

@@ -40,16 +40,3 @@ def test_of_many_warnings_the_first_are_shown_and_the_number_left_out(tmp_path):
     assert log.news() == [*(f"[WARN] {i}" for i in range(10)), f"... 90 more in {log.path}"]
     append(log, "[WARN] again\n")
     assert log.news() == ["[WARN] again"]
-
-
-def test_of_a_flood_the_newest_is_read(tmp_path):
-    log = written(tmp_path, "x" * 3_000_000 + "\n[WARN] last\n")
-    assert log.news() == ["[WARN] last"]
-    append(log, "[WARN] next\n")
-    assert log.news() == ["[WARN] next"]
-
-
-def test_a_log_that_somebody_removes_is_no_trouble(tmp_path):
-    log = written(tmp_path, "[WARN] one\n")
-    log.path.unlink()
-    assert log.news() == []

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from scipy import stats
 
 from tombo_dynamics.errors import InputError
-from tombo_flight.sweep.design import SweepDesign, axis_of, number_text, parse_axis
+from tombo_flight.sweep.design import SweepDesign, parse_axis
 
 
 def levels(text):
@@ -62,32 +60,19 @@ def test_values_with_a_distribution_are_distributed_so(kind):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
-    [("a=normal(1,2)", "no continuous distribution 'normal'"), ("a=norm(1,2,3)", "norm"),
-     ("a=norm(1,-2)", "outside of what norm accepts"), ("a=poisson(3)", "poisson")],
-)  # fmt: skip
-def test_what_is_no_distribution_is_refused(text, words):
-    with pytest.raises(InputError, match=re.escape(words)):
+    "text", ["a=normal(1,2)", "a=norm(1,2,3)", "a=norm(1,-2)", "a=poisson(3)"]
+)
+def test_what_is_no_distribution_is_refused(text):
+    with pytest.raises(InputError, match="no continuous distribution"):
         SweepDesign((parse_axis(text),), "lhs", 8)
-
-
-def test_a_number_is_read_back_to_the_last_digit():
-    for number in (0.1 + 0.2, 1e-5, 3.0, 1e22, -2.5e-300):
-        assert float(number_text(number)) == number
 
 
 @pytest.mark.parametrize(
     ("kind", "samples", "axes"),
-    [("full", 0, ["a=0:1"]), ("full", 5, ["a=0,1"]), ("lhs", 0, ["a=0:1"]), ("lhs", 5, []),
+    [("full", 0, ["a=0:1"]), ("lhs", 0, ["a=0:1"]), ("lhs", 5, []),
      ("grid", 0, []), ("full", 0, ["a=0,1", "a=2,3"]),
      ("full", 0, ["a=norm(1,2)"])],
 )  # fmt: skip
 def test_a_design_that_does_not_fit_is_refused(kind, samples, axes):
     with pytest.raises(InputError, match="accepted"):
         SweepDesign(tuple(parse_axis(text) for text in axes), kind, samples)
-
-
-def test_values_of_python_are_values_of_settings():
-    assert axis_of("a", [1, 0.5, np.float64(0.25), True, "x", None, [1, 2]]).levels == (
-        *("1", "0.5", "0.25", "true", "x", "null", "[1, 2]"),
-    )

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
 from tombo_flight.sweep.statistics import (
     SPREAD_METRICS,
-    columns_of,
     flight_statistics,
     rank_correlation,
     share_interval,
@@ -19,13 +19,13 @@ from tombo_flight.sweep.statistics import (
 
 
 def test_spread_of_known_values():
-    values = spread(np.array([1.0, np.nan, 2.0, 3.0, 4.0, 5.0]))
+    values = spread(pd.Series([1.0, np.nan, 2.0, 3.0, 4.0, 5.0]))
 
     assert (values["count"], values["mean"], values["max"]) == (5, 3.0, 5.0)
     assert values["std"] == pytest.approx(math.sqrt(2.5), abs=1e-6)
     assert (values["p05"], values["median"], values["p95"]) == (1.2, 3.0, 4.8)
-    assert spread(np.array([7.0]))["std"] is None
-    assert spread(np.array([np.nan])) == {**dict.fromkeys(values), "count": 0}
+    assert spread(pd.Series([7.0]))["std"] is None
+    assert spread(pd.Series([np.nan])) == {**dict.fromkeys(values), "count": 0}
 
 
 @pytest.mark.parametrize(
@@ -42,13 +42,14 @@ def test_a_rank_correlation_is_that_of_the_ranks_and_leaves_flights_without_a_fi
     x = rng.normal(size=200)
     y = np.exp(x + rng.normal(size=200))
     ranks = stats.rankdata(x), stats.rankdata(y)
-    found = rank_correlation(np.append(x, [np.nan, 1.0]), np.append(y, [1.0, np.nan]))
+    both = pd.DataFrame({"x": [*x, np.nan, 1.0], "y": [*y, 1.0, np.nan]})
+    found = rank_correlation(both["x"], both["y"])
     assert found["flights"] == 200
     assert found["rho"] == pytest.approx(np.corrcoef(ranks)[0, 1])
     t = found["rho"] * math.sqrt(198.0 / (1.0 - found["rho"] ** 2))
     assert found["p"] == pytest.approx(2.0 * stats.t(198).sf(abs(t)))
-    assert rank_correlation(x, np.ones(200)) is None
-    assert rank_correlation(x[:2], y[:2]) is None
+    assert rank_correlation(both["x"], 0.0 * both["y"]) is None
+    assert rank_correlation(both["x"][:2], both["y"][:2]) is None
 
 
 def flight(**changes):
@@ -67,7 +68,7 @@ def test_recovery_is_counted_over_flights_that_settled_without_crash():
         flight(false_alarms=2, detected=False),
     ]
 
-    total = flight_statistics(columns_of(flights))
+    total = flight_statistics(pd.DataFrame(flights))
 
     assert (total["flights"], total["crashed"], total["not_crashed"]) == (4, 1, 3)
     assert total["recovered"] == 2
@@ -87,10 +88,10 @@ def test_alarms_are_counted_by_the_hour_and_rotors_where_one_was_named():
         flight(collided=False, contact_rotor=None, struck_rotor="front_left", duration_s=0.0),
     ]
 
-    total = flight_statistics(columns_of(flights))
+    total = flight_statistics(pd.DataFrame(flights))
 
     assert total["false_alarms_per_hour"] == 2.0  # 3 in an hour and a half
     assert (total["struck_rotor_named"], total["struck_rotor_right"]) == (3, 0.666667)
-    nothing = flight_statistics(columns_of([]))
+    nothing = flight_statistics(pd.DataFrame(flights)[:0])
     assert nothing["false_alarms_per_hour"] is nothing["struck_rotor_right"] is None
     assert nothing["crash_rate"] is nothing["crash_rate_95"] is None

@@ -7,9 +7,6 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
-import time
 from functools import partial
 from pathlib import Path
 
@@ -24,12 +21,22 @@ from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import flight_summary
 from tombo_flight.scenario import load_scenario
 from tombo_flight.sweep.design import SweepDesign, parse_axis
-from tombo_flight.sweep.flying import fly_sweep
-from tombo_flight.sweep.folder import OUTCOME, RESULT, SweepFolder, open_sweep, read_head
-from tombo_flight.sweep.study import FIGURES, LEFT_OUT, WALL_COLUMNS, new_sweep, row_of
+from tombo_flight.sweep.folder import (
+    OUTCOME,
+    RESULT,
+    SweepFolder,
+    fly_sweep,
+    open_sweep,
+    read_head,
+)
+from tombo_flight.sweep.study import FIGURES, new_sweep, row_of
 
 AXES = ("vehicle.mass=1.1,1.3", "mission.height=1.5:2.5:0.5")
 SHORT = ("duration=1.5",)
+LEFT_OUT = ("tombo_version", "model", "seed", "recorded_messages")
+"""Keys of a summary that are equal for all flights, or have separate columns."""
+WALL_COLUMNS = ("wall_time_s", "real_time_factor")
+"""What differs between two sweeps of the same study."""
 
 
 def study(seeds=range(3), axes=AXES, settings=SHORT, name="hover"):
@@ -64,9 +71,8 @@ def test_each_row_is_the_flight_of_its_settings(whole):
 
 
 @pytest.mark.slow
-def test_the_table_says_units_and_what_was_flown(whole):
+def test_the_table_says_what_was_flown(whole):
     folder, table = whole
-    assert table.schema.field("max_tilt_rad").metadata == {b"unit": b"rad"}
     said = json.loads(table.schema.metadata[b"tombo"])
     assert said["axes"][0] == {**said["axes"][0], "key": "vehicle.mass", "levels": ["1.1", "1.3"]}
     assert said["tombo_version"].startswith("0.")
@@ -114,30 +120,6 @@ def test_a_sweep_goes_on_where_it_was_stopped_and_flies_nothing_twice(
 
 
 @pytest.mark.slow
-def test_a_sweep_killed_at_40_percent_gives_the_same_table(tmp_path, whole):
-    code = "from tombo_bringup.cli.main import run; run()"
-    words = ["sweep", "hover", *AXES, "--seeds", "0:3", "--set", *SHORT, "-o", "s"]
-    command = [sys.executable, "-c", code, *words, "--workers", "1"]
-    process = subprocess.Popen(command, cwd=tmp_path, start_new_session=True)
-    parts = tmp_path / "s" / "parts"
-    end = time.monotonic() + 120.0
-    while len(list(parts.glob("0*.parquet"))) < 0.4 * 18:
-        assert time.monotonic() < end and process.poll() is None
-        time.sleep(0.005)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    there = len(list(parts.glob("0*.parquet"))) or 18
-
-    again = subprocess.run(
-        [*command, "--json"], cwd=tmp_path, check=True, capture_output=True, text=True
-    )
-
-    assert json.loads(again.stdout)["flown"] == 18 - there
-    table = pq.read_table(tmp_path / "s" / "flights.parquet").drop_columns(list(WALL_COLUMNS))
-    assert table.to_pylist() == whole[1].to_pylist()
-
-
-@pytest.mark.slow
 @pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None, reason="Dask is not installed"
 )
@@ -161,12 +143,6 @@ def test_dask_gives_the_same_table_even_if_a_worker_is_killed(tmp_path, whole):
     assert table.equals(whole[1])
 
 
-def test_without_dask_it_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"requirements-study\.txt"):
-        flown(tmp_path / "s", scheduler="tcp://127.0.0.1:1")
-
-
 @pytest.mark.slow
 def test_a_point_that_can_not_be_flown_is_a_row_that_says_why(tmp_path):
     axes = ("vehicle.arm_length=0.2,0.35", "vehicle.mass=1.2,4.0")
@@ -174,7 +150,7 @@ def test_a_point_that_can_not_be_flown_is_a_row_that_says_why(tmp_path):
     assert [row["error"] is None for row in table] == [True, False, True, False]
     assert "vehicle.mass 4 kg" in table[1]["error"]
     page = (tmp_path / "s" / "sweep.html").read_text()
-    assert "vehicle.mass=4.0" in page and "vehicle.mass 4 kg" in page
+    assert "2 not flown" in page and "vehicle.mass 4 kg" in page
 
 
 def test_a_value_that_is_never_accepted_is_refused_before_the_first_flight():
@@ -212,14 +188,12 @@ def test_two_processes_can_not_fly_the_same_sweep(tmp_path):
 
 
 @pytest.mark.slow
-def test_failures_and_the_worst_flight_are_on_the_page_with_their_commands(tmp_path):
+def test_the_worst_flight_is_on_the_page_with_its_command(tmp_path):
     what = study(range(2), ("vehicle.mass=1.2,1.25",), (), "rigid_propeller")
     table = flown(tmp_path / "s", what).to_pandas()
     crashes = table[table["crashed"]]
     assert len(crashes)
     page = (tmp_path / "s" / "sweep.html").read_text()
-    listed = page[page.index("Failures, and how") :]
-    assert listed.count("<code>tombo fly rigid_propeller --seed") == len(crashes)
     worst = crashes.loc[crashes["max_falling_distance_m"].idxmax()]
     result = read_head(tmp_path / "s")[RESULT]
     assert result["worst"]["flight"] == worst["flight"]

@@ -1,8 +1,8 @@
 """Files, and a folder of results, that appear whole or not at all.
 
-Files are written into a hidden folder on the same file system and moved in place at the end. Other
-files in the folder stay. A folder that is numbered belongs to one run alone: it is made at the
-start, and where its name is taken, -2, -3 and so on follow it.
+Files are written into a hidden folder inside and moved up at the end. Other files in the folder
+stay. A folder that is numbered belongs to one run alone: where its name is taken, -2, -3 and so on
+follow it.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import itertools
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tombo_dynamics.errors import InputError
@@ -71,63 +71,15 @@ def make_numbered(path: Path) -> Path:
     raise AssertionError
 
 
-def make_parents(path: Path) -> list[Path]:
-    """Make the parents of a path that are not there, and return them, the outermost first.
-
-    Raises:
-        OSError: they can't be made; none is left.
-    """
-    made: list[Path] = []
-    try:
-        for parent in reversed([p for p in path.parents if not p.exists()]):
-            parent.mkdir(exist_ok=True)
-            made.append(parent)
-    except OSError:
-        remove_empty(made)
-        raise
-    return made
-
-
-def remove_empty(folders: Sequence[Path]) -> None:
-    """Remove folders, the last first, up to one that is not empty."""
-    for folder in reversed(folders):
-        try:
-            folder.rmdir()
-        except OSError:
-            return
-
-
 class OutputFolder:
     """Results before they are moved into a folder; see `open_output`."""
 
-    def __init__(
-        self,
-        target: Path,
-        shown: Path,
-        *,
-        replace: bool,
-        results: Sequence[str] = RESULT_FILES,
-        numbered: bool = False,
-    ) -> None:
-        self.path = shown
-        """The folder as the user named it, with its number."""
-        self._results = results
-        self._target = target
+    def __init__(self, path: Path, results: Sequence[str], *, replace: bool) -> None:
+        self.path = path
         self._replace = replace
-        self._numbered = numbered
-        self._made: list[Path] = []
-        try:
-            if numbered:
-                self._made += make_parents(target)
-                self._take(make_numbered(target))
-            self._inside = target.is_dir() and not numbered
-            if not numbered:
-                self._refuse_unsuitable()
-            self.staging = self._make_staging()
-        except OSError as error:
-            remove_empty(self._made)
-            raise self._unwritable(error) from error
-        self._published = False
+        self.staging = path / f".tombo-{secrets.token_hex(4)}"
+        self._results = results
+        self.staging.mkdir()
 
     def __truediv__(self, name: str) -> Path:
         """Return where to write the file `name` for now."""
@@ -136,114 +88,20 @@ class OutputFolder:
     def publish(self) -> None:
         """Move the written files into the folder, in place of those of an earlier run.
 
+        Where another program has filled it meanwhile, they go to a numbered one next to it.
+
         Raises:
-            InputError: another program has filled the folder meanwhile; the results are then in a
-            numbered folder next to it.
             OSError: it can't be written any more.
         """
-        if not self._inside:
-            try:
-                self._rename()
-                return
-            except OSError:
-                if not self._target.is_dir():
-                    raise
-        try:
-            if self._numbered:
-                raise InputError("taken")
-            self._refuse_unsuitable()
-        except InputError as error:
-            self._take(make_numbered(self._target))
-            self._rename()
-            if not self._numbered:
-                raise InputError(f"{error}; the results are in '{self.path}'") from None
-            return
+        if not self._replace and any(path != self.staging for path in self.path.iterdir()):
+            self.path = make_numbered(self.path)
         for name in self._results:
-            (self._target / name).unlink(missing_ok=True)
+            (self.path / name).unlink(missing_ok=True)
         for path in sorted(p for p in self.staging.rglob("*") if not p.is_dir()):
-            place = self._target / path.relative_to(self.staging)
+            place = self.path / path.relative_to(self.staging)
             place.parent.mkdir(exist_ok=True)
             os.replace(path, place)
         shutil.rmtree(self.staging)
-        self._published = True
-
-    def _take(self, made: Path) -> None:
-        """Go on with a folder that was made for this run."""
-        self._target = made
-        self.path = self.path.with_name(made.name)
-        self._made.append(made)
-
-    def _rename(self) -> None:
-        """Put the whole hidden folder in place of none, or of an empty one."""
-        os.rename(self.staging, self._target)
-        self._published = True
-
-    def discard(self) -> None:
-        """Remove everything that was made, unless it has been published."""
-        if not self._published:
-            shutil.rmtree(self.staging, ignore_errors=True)
-            remove_empty(self._made)
-
-    def _make_staging(self) -> Path:
-        """Make the hidden folder: inside the target if that exists, else in its parent folder."""
-        if self._inside:
-            staging = self._target / f".tombo-{secrets.token_hex(4)}"
-        else:
-            self._made += make_parents(self._target)
-            staging = self._target.parent / f".{self._target.name}-{secrets.token_hex(4)}"
-        staging.mkdir()
-        return staging
-
-    def _refuse_unsuitable(self) -> None:
-        if not os.path.lexists(self._target):
-            return
-        if not self._target.is_dir():
-            raise InputError(
-                f"output folder '{self.path}': it is a file; accepted: a folder, new or empty"
-            )
-        names = sorted(p.name for p in self._target.iterdir() if not self._is_staging(p))
-        if names and not self._replace:
-            some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-            raise InputError(
-                f"output folder '{self.path}': it is not empty ({some}); accepted: a new or empty "
-                "folder, or --force to replace the results in it"
-            )
-        for name in self._results:
-            path = self._target / name
-            if path.parent != self._target and path.parent.exists() and not path.parent.is_dir():
-                raise InputError(
-                    f"output folder '{self.path}': {path.parent.name} in it is a file; accepted: "
-                    "a folder in which that name is free, or is a folder"
-                )
-            if path.is_dir() and not path.is_symlink():
-                raise InputError(
-                    f"output folder '{self.path}': {name} in it is a folder; accepted: a folder "
-                    "in which that name is free"
-                )
-
-    def _is_staging(self, path: Path) -> bool:
-        return path == getattr(self, "staging", None)
-
-    def full(self, error: OSError) -> InputError:
-        """Return the message for a full disk."""
-        written = sum(p.stat().st_size for p in self.staging.rglob("*") if p.is_file())
-        free = shutil.disk_usage(self.staging).free
-        return InputError(
-            f"output folder '{self.path}': {error.strerror}: {written / 1e6:.1f} MB of this run "
-            f"are written, {free / 1e6:.1f} MB are free; accepted: a folder on a disk with room"
-        )
-
-    def _unwritable(self, error: OSError) -> InputError:
-        reason = error.strerror or str(error)
-        return InputError(
-            f"output folder '{self.path}': it can't be written ({reason}); accepted: a folder, "
-            "new or empty, in a place that can be written"
-        )
-
-
-def _beside(path: Path) -> Path:
-    """Return the path with the links of its parents followed, not its own: that name is taken."""
-    return Path(os.path.realpath(path.parent)) / path.name
 
 
 @contextmanager
@@ -263,25 +121,43 @@ def open_output(
             nothing is replaced; its name is then `folder.path`.
 
     Raises:
-        InputError: a file, not empty and `replace` is False, or not writable.
+        InputError: a file, not empty and `replace` is False, or not writable; the disk is full.
     """
-    if os.path.islink(path) and not os.path.exists(path) and not numbered:
+    made = [place for place in (path, *path.parents) if not os.path.lexists(place)]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if numbered:
+            path = make_numbered(path)
+            made.insert(0, path)
+        path.mkdir(exist_ok=True)
+        names = sorted(inside.name for inside in path.iterdir())
+        if names and not replace:
+            raise InputError(
+                f"output folder '{path}': it is not empty ({', '.join(names[:3])}); accepted: a "
+                "new or empty folder, or --force to replace the results in it"
+            )
+        folder = OutputFolder(path, results, replace=replace)
+    except OSError as error:
+        _remove_empty(made)
         raise InputError(
-            f"output folder '{path}': it is a link to '{os.readlink(path)}', which does not "
-            "exist; accepted: a folder, new or empty"
-        )
-    folder = OutputFolder(
-        _beside(path) if numbered else Path(os.path.realpath(path)),
-        path,
-        replace=replace,
-        results=results,
-        numbered=numbered,
-    )
+            f"output folder '{path}': it can't be written ({error.strerror}); accepted: a folder, "
+            "new or empty, in a place that can be written"
+        ) from error
     try:
         yield folder
     except OSError as error:
         if error.errno == errno.ENOSPC:
-            raise folder.full(error) from error
+            raise InputError(
+                f"output folder '{path}': {error.strerror}; accepted: a folder on a disk with room"
+            ) from error
         raise
     finally:
-        folder.discard()
+        shutil.rmtree(folder.staging, ignore_errors=True)
+        _remove_empty(made)
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Remove those folders that are empty, in this order."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()

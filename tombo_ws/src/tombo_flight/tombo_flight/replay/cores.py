@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from operator import itemgetter
@@ -14,32 +12,21 @@ import numpy as np
 
 from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import (
-    COLLISION_EVENT,
-    DETECTOR_STATUS,
-    MOCAP_POSE,
-    ODOMETRY,
-    SETPOINT,
-    TOPICS,
-)
-from tombo_control.controller_core import ControllerCore
+from tombo_bag.topics import DETECTOR_STATUS, MOCAP_POSE, ODOMETRY, TOPICS
 from tombo_dynamics.arrays import Times
 from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.errors import InputError
-from tombo_dynamics.messages import DetectorStatus, Phase, Pose, neutral
+from tombo_dynamics.messages import DetectorStatus, Pose, neutral
 from tombo_dynamics.time_base import TICK_NS
-from tombo_flight.replay.outputs import EVENTS, NODES, SERIES, DetectedEvent, Outputs, series_of
+from tombo_flight.replay.compared import NODES, NOTHING, Stream
 from tombo_flight.replay.recorded import PoseTrack
 from tombo_flight.scenario import Scenario
 from tombo_flight.wiring import core_of
 from tombo_sim.wiring import CORES
 
-Stream = tuple[Times, Sequence[Any]]
-"""Arrivals and messages of a topic."""
 Published = list[tuple[int, str, Any]]
 """Time, topic and message of all that a core has published."""
 _PUBLISHED_BY_CORES = {topic for core in CORES for topic in core.outputs}
-_NOTHING: Stream = (np.zeros(0, np.int64), [])
 _FEWEST_STEPS, _STEPS_A_MESSAGE = 10_000, 100
 """A core is stepped some twenty times at most for each message that it gets."""
 
@@ -89,7 +76,7 @@ class Inputs:
             )
             return track.arrival_ns, [Pose(*row) for row in rows]
         if not self.has(topic):
-            return _NOTHING
+            return NOTHING
         found, wanted = self.recording.topics[topic].typename, TOPICS[topic].typename
         if found != wanted:
             raise InputError(f"{topic} has type {found}; accepted: {wanted}")
@@ -97,42 +84,26 @@ class Inputs:
         return table["log_time_ns"], messages_of(wanted, table)
 
 
-def through_cores(inputs: Inputs) -> tuple[Outputs, dict[str, dict[str, Any]]]:
-    """Return the messages of the cores, and figures by node."""
-    outputs = Outputs()
-    figures: dict[str, dict[str, Any]] = {}
-    for node in inputs.nodes:
-        began = time.perf_counter()
-        core, published, refused = replayed(inputs, node)
-        for name in NODES[node].compared_outputs:
-            if name == "events":
-                if EVENTS in core.outputs:
-                    outputs.events = _events(published)
-            else:
-                source = SERIES[name]
-                said = [message for _, topic, message in published if topic == source.topic]
-                outputs.series[name] = series_of(said, source)
-        figures[node] = {**_figures(core, refused), "seconds": time.perf_counter() - began}
-    return outputs, figures
-
-
-def replayed(inputs: Inputs, node: str) -> tuple[Core, Published, Counter[str]]:
-    """Return the core of a node after its inputs, its messages, and its reports."""
-    core = core_of(NODES[node].core, inputs.scenario)
-    streams = {topic: _stream(inputs, topic) for topic in core.inputs}
+def through_core(inputs: Inputs, node: str) -> tuple[dict[str, Stream], dict[str, Any]]:
+    """Return the messages of a node's core by topic, and what it has counted."""
+    core = core_of(NODES[node], inputs.scenario)
+    streams = {topic: inputs.stream(topic) for topic in core.inputs}
+    if DETECTOR_STATUS.name in streams and not inputs.has(DETECTOR_STATUS.name):
+        arrivals = inputs.poses.arrival_ns
+        alive = [neutral(DetectorStatus, int(now)) for now in arrivals]
+        streams[DETECTOR_STATUS.name] = arrivals, alive
+        inputs.findings.append(f"{node}: no {DETECTOR_STATUS.name} in the bag; taken for alive")
     if inputs.is_paced_by_ticks():
         for topic in _PUBLISHED_BY_CORES & set(streams):
             times, messages = streams[topic]
             streams[topic] = times + TICK_NS, messages
-    if isinstance(core, ControllerCore) and _begins_in_flight(streams):
-        core.take_over()
-    return core, *replay_core(core, streams, _steps(core, inputs, streams))
+    published, reported = replay_core(core, streams, _steps(core, inputs, streams))
+    return {topic: _of_topic(published, topic) for topic in core.outputs}, _figures(core, reported)
 
 
-def _begins_in_flight(streams: dict[str, Stream]) -> bool:
-    """Return whether the take-off was not recorded."""
-    _, setpoints = streams[SETPOINT.name]
-    return len(setpoints) > 0 and setpoints[0].phase not in (Phase.IDLE, Phase.TAKEOFF)
+def _of_topic(published: Published, topic: str) -> Stream:
+    there = [(now, message) for now, name, message in published if name == topic]
+    return np.array([now for now, _ in there], np.int64), [message for _, message in there]
 
 
 def replay_core(
@@ -154,7 +125,12 @@ def replay_core(
     published: Published = []
     reported: Counter[str] = Counter()
     runner = CoreRunner(core)
-    arrivals = merge_by_arrival(*(times for times, _ in streams.values()), steps)
+    clocks = [*(times for times, _ in streams.values()), steps]
+    arrivals = sorted(
+        (now, stream, row)
+        for stream, times in enumerate(clocks)
+        for row, now in enumerate(times.tolist())
+    )
     for now, entries in groupby(arrivals, key=itemgetter(0)):
         due = core.steps_on_messages
         for _, stream, row in entries:
@@ -165,19 +141,6 @@ def replay_core(
         published += [(now, topic, message) for topic, message in runner.run(now, due)]
         reported.update(key for key, _ in core.health.take_events())
     return published, reported
-
-
-def merge_by_arrival(*streams: Times) -> Iterator[tuple[int, int, int]]:
-    """Yield (time [ns], stream, row) of all messages; of equal times the earlier stream's first.
-
-    Args:
-        streams: log times of each stream.
-    """
-    times = np.concatenate(streams)
-    owner = np.repeat(np.arange(len(streams)), [len(stream) for stream in streams])
-    rows = np.concatenate([np.arange(len(stream)) for stream in streams])
-    order = np.lexsort((owner, times))
-    yield from zip(times[order].tolist(), owner[order].tolist(), rows[order].tolist(), strict=True)
 
 
 def _steps(core: Core, inputs: Inputs, streams: dict[str, Stream]) -> Times:
@@ -204,31 +167,6 @@ def _steps(core: Core, inputs: Inputs, streams: dict[str, Stream]) -> Times:
             f"{1e-9 * (max(ends) - min(ends)):.0f} s; accepted: the log times of one flight"
         )
     return np.arange(first + 1, last + 2, dtype=np.int64) * core.period_ns
-
-
-def _stream(inputs: Inputs, topic: str) -> Stream:
-    """Return the input of a core from a topic: as recorded, or its substitute."""
-    recorded = topic in inputs.recording.topics
-    if topic == DETECTOR_STATUS.name and not recorded and len(inputs.poses.stamp_ns):
-        inputs.findings.append(
-            f"reaction: no {DETECTOR_STATUS.name} in the bag; the detector counts as alive"
-        )
-        arrivals = inputs.poses.arrival_ns
-        return arrivals, [neutral(DetectorStatus, int(now)) for now in arrivals]
-    if topic == COLLISION_EVENT.name and not recorded and len(inputs.poses.stamp_ns):
-        inputs.findings.append(
-            f"reaction: no {COLLISION_EVENT.name} in the bag; it gets the replayed detector's"
-        )
-        detector = core_of(NODES["detector"].core, inputs.scenario)
-        poses = {MOCAP_POSE.name: inputs.stream(MOCAP_POSE.name)}
-        published, _ = replay_core(detector, poses, np.zeros(0, np.int64))
-        events = [(now, message) for now, name, message in published if name == topic]
-        return np.array([now for now, _ in events], np.int64), [event for _, event in events]
-    return inputs.stream(topic)
-
-
-def _events(published: Published) -> list[DetectedEvent]:
-    return [DetectedEvent(message, now) for now, topic, message in published if topic == EVENTS]
 
 
 def _figures(core: Core, reported: Counter[str]) -> dict[str, Any]:

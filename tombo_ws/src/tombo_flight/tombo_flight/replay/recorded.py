@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.flight_time import FLIGHT_METADATA
-from tombo_bag.formats.bag_files import RawMessages, TopicSummary
+from tombo_bag.formats.bag_files import TopicSummary
 from tombo_bag.message_codec import fields_of
 from tombo_bag.recording import Recording
 from tombo_bag.topics import (
@@ -27,13 +24,8 @@ from tombo_bag.topics import (
 from tombo_dynamics.arrays import Array, Times
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP
-from tombo_dynamics.time_base import SECOND_NS
-from tombo_flight.scenario import Scenario, scenario_from_mapping, scenario_over
-
-_SECTIONS = (
-    "vehicle", "control", "estimator", "mission", "detector", "react", "reaction", "propeller"
-)  # fmt: skip
-"""`react`: recordings of older versions have it."""
+from tombo_flight.recorded_flight import scenario_of_metadata
+from tombo_flight.scenario import Scenario, as_mapping, scenario_over
 
 
 def scenario_of_bag(
@@ -51,36 +43,21 @@ def scenario_of_bag(
     Raises:
         InputError: `name` or `settings` are bad.
     """
-    base, label, findings = _recorded(metadata)
+    flown = metadata.get(FLIGHT_METADATA, {})
+    base, label, findings = {}, "recording", []
+    if "scenario" not in flown:
+        findings.append("no parameters in the bag: the suite's defaults are used")
+    else:
+        try:
+            _, scenario = scenario_of_metadata(flown)
+            base, label = as_mapping(scenario), scenario.name
+        except InputError as error:
+            findings.append(f"parameters in the bag can't be used ({error}): defaults instead")
     return scenario_over(base, label, name, settings), findings
-
-
-def _recorded(metadata: Mapping[str, Mapping[str, str]]) -> tuple[dict[str, Any], str, list[str]]:
-    text = metadata.get(FLIGHT_METADATA, {}).get("scenario")
-    if text is None:
-        return {}, "recording", ["no parameters in the bag: the suite's defaults are used"]
-    try:
-        flown = json.loads(text)
-        base = {key: flown[key] for key in _SECTIONS if key in flown}
-        label = str(flown.get("name", "recording"))
-        scenario_from_mapping(base, label)
-    except (
-        ValueError,
-        TypeError,
-        LookupError,
-        AttributeError,
-        RecursionError,
-    ) as error:  # ValueError: also InputError
-        why = str(error) if isinstance(error, InputError) else "no scenario"
-        return {}, "recording", [f"parameters in the bag can't be used ({why}): defaults instead"]
-    return base, label, []
 
 
 CLOCK_TOPICS = (MISSION_SETPOINT.name, SETPOINT.name)
 """Topics whose stamps are the nodes' now."""
-_STAMP = struct.Struct("<iI")
-_SHORTEST = 12
-_SOME = 100
 _APART_NS = 250_000_000
 """Nearer clocks are one clock."""
 
@@ -95,8 +72,6 @@ def find_suite_clock(recording: Recording) -> tuple[Times, Times] | None:
     there = [name for name in (*CLOCK_TOPICS, ODOMETRY.name, IMU.name) if _count(topics, name)]
     if not there or there[0] not in CLOCK_TOPICS:
         return None
-    if abs(_clock_offset_ns(recording.messages(there[0]))) < _APART_NS:
-        return None
     recording.load(there)
     pairs: list[tuple[Times, Times]] = []
     for topic in there:
@@ -107,7 +82,7 @@ def find_suite_clock(recording: Recording) -> tuple[Times, Times] | None:
         reported = np.interp(log, *pairs[0]) if pairs else stamp
         if abs(float(np.median(stamp - reported))) < _APART_NS:
             pairs.append((log, stamp))
-    if not pairs:
+    if not pairs or abs(float(np.median(pairs[0][1] - pairs[0][0]))) < _APART_NS:
         return None
     log, stamp = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
     order = np.argsort(log, kind="stable")
@@ -116,20 +91,6 @@ def find_suite_clock(recording: Recording) -> tuple[Times, Times] | None:
 
 def _count(topics: Mapping[str, TopicSummary], name: str) -> int:
     return topics[name].count if name in topics else 0
-
-
-def _clock_offset_ns(raw: RawMessages) -> float:
-    """Return how far some stamps are ahead of log times; the stamp of a header comes first."""
-    some = slice(0, None, len(raw.messages) // _SOME + 1)
-    ahead = [
-        seconds * SECOND_NS + rest - log
-        for (seconds, rest), log in zip(
-            (_STAMP.unpack_from(m, 4) for m in raw.messages[some] if len(m) >= _SHORTEST),
-            raw.log_times_ns[some].tolist(),
-            strict=False,
-        )
-    ]
-    return float(np.median(ahead)) if ahead else 0.0
 
 
 @dataclass(frozen=True)

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tombo_bag.flight_time import RECORDER_METADATA
 from tombo_bag.recording import Recording
-from tombo_bag.topics import COLLISION_EVENT, MOCAP_POSE, TOPICS, TRUE_CONTACT
+from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE, TOPICS, TRUE_CONTACT
 from tombo_dynamics.errors import InputError, unknown_name
-from tombo_flight.replay.cores import Inputs, through_cores
-from tombo_flight.replay.metrics import Context, metrics_of
-from tombo_flight.replay.outputs import (
+from tombo_flight.replay.compared import (
     NODES,
-    SERIES,
-    Outputs,
-    OutputSeries,
-    outputs_of,
-    read_outputs,
+    NOTHING,
+    NodeComparison,
+    Stream,
+    compare_node,
+    needed_inputs,
 )
+from tombo_flight.replay.cores import Inputs, through_core
 from tombo_flight.replay.prechecks import check_poses
 from tombo_flight.replay.recorded import (
     CLOCK_TOPICS,
@@ -34,6 +33,7 @@ from tombo_flight.replay.recorded import (
     read_poses,
     scenario_of_bag,
 )
+from tombo_flight.report.page import Page, Section, Table, Text
 
 _STATISTIC_ERROR = 1e-9
 """Largest difference of a recorded statistic from filterpy's; relative above 1."""
@@ -62,15 +62,17 @@ class Replay:
     begin_ns: int = 0
     """Log time at which the recording begins; times in figures count from it."""
     duration_s: float = 0.0
-    nodes: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """Figures by node."""
+    nodes: dict[str, NodeComparison] = field(default_factory=dict)
     findings: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
-    differences: list[str] = field(default_factory=list)
-    """Figures beyond the tolerances."""
-    recorded: Outputs = field(default_factory=Outputs)
-    replayed: Outputs = field(default_factory=Outputs)
+    published: dict[str, Stream] = field(default_factory=dict)
+    """Topic → messages of the replay."""
     seconds: float = 0.0
+
+    @property
+    def differences(self) -> list[str]:
+        """Figures beyond the tolerances."""
+        return [f"{node}: {text}" for node, of in self.nodes.items() for text in of.differences]
 
     def as_mapping(self) -> dict[str, Any]:
         """Return what `--json` prints."""
@@ -78,12 +80,46 @@ class Replay:
         return {
             "bag": str(self.bag),
             "duration_s": self.duration_s,
-            "nodes": self.nodes,
+            "nodes": {node: found.values for node, found in self.nodes.items()},
             "differences": self.differences,
             "findings": self.findings,
             "damage": self.damage,
             "speed": {"real_time_factor": factor, "seconds": self.seconds},
         }
+
+
+def replay_page(result: Replay) -> Page:
+    """Return the page of a replay: a line for each figure, findings and damage below."""
+    rows = [
+        (node if i == 0 else "", name, value)
+        for node, found in result.nodes.items()
+        for i, (name, value) in enumerate(found.rows)
+    ]
+    lines = [
+        Text([f"{heading}: {line}" for line in lines], style=colour)
+        for heading, colour, lines in (
+            ("Damage", "warn", result.damage),
+            ("Finding", "warn", result.findings),
+            ("Difference", "bad", result.differences),
+        )
+    ]
+    count = len(result.differences)
+    factor = result.duration_s / max(result.seconds, 1e-9)
+    speed = f"{result.duration_s:.1f} s recorded, {factor:.0f} times real time"
+    return Page(
+        title=f"Replay of {result.bag.name}",
+        eyebrow="Replay",
+        headline=f"Replay of {result.bag}",
+        verdict=f"{count} difference{'s' * (count > 1)}" if count else "no difference",
+        verdict_style="bad" if count else "good",
+        summary="" if count else "Nothing differs by more than the tolerances.",
+        sections=[
+            Section("", [Table(("node", "figure", "value"), rows)]),
+            Section("", lines),
+            Section("", [Text([speed])]),
+        ],
+        data=result.as_mapping(),
+    )
 
 
 def replay_bag(path: Path, request: ReplayRequest) -> Replay:
@@ -99,19 +135,67 @@ def replay_bag(path: Path, request: ReplayRequest) -> Replay:
     with Recording(path, request.names) as recording:
         result = Replay(path)
         inputs = _prepare(recording, request, result)
-        result.recorded = read_outputs(recording, outputs_of(inputs.nodes))
-        result.replayed, reported = through_cores(inputs)
-        context = Context(result.begin_ns, _contacts(recording))
+        contacts_ns = _contacts(recording)
         for node in inputs.nodes:
-            metrics, differences = metrics_of(node, result.recorded, result.replayed, context)
-            result.nodes[node] = {**metrics, **reported.get(node, {})}
-            result.differences += [f"{node}: {text}" for text in differences]
+            published, counted = through_core(inputs, node)
+            recorded = {
+                topic: inputs.stream(topic)
+                for topic in published
+                if (there := recording.topics.get(topic)) is not None
+                and there.typename == TOPICS[topic].typename
+            }
+            found = compare_node(node, recorded, published, result.begin_ns, contacts_ns)
+            _add_counts(found, counted)
+            result.nodes[node] = found
+            result.published |= published
+            if node == "detector" and recorded.get(DETECTOR_STATUS.name, NOTHING)[1]:
+                _check_statistic(inputs, recorded[DETECTOR_STATUS.name], found, result.begin_ns)
         result.findings = inputs.findings
-        if "detector" in inputs.nodes and "statistic" in result.recorded.series:
-            _check_statistic(inputs, result.recorded.series["statistic"], result)
         result.damage = recording.damage
     result.seconds = time.perf_counter() - began
     return result
+
+
+def _check_statistic(
+    inputs: Inputs, recorded: Stream, found: NodeComparison, begin_ns: int
+) -> None:
+    """Compare the recorded statistic with that of filterpy's own filter; add what differs.
+
+    Of several poses with one stamp, it is not known which one a status belongs to.
+    """
+    from tombo_collision.reference_filter import reference_statistics  # filterpy takes 0.5 s
+
+    filtered = reference_statistics(*inputs.stream(MOCAP_POSE.name), inputs.scenario.detector)
+    statistics = (
+        pd.Series([status.statistic for status in recorded[1]], [s.stamp_ns for s in recorded[1]]),
+        pd.Series(filtered, inputs.poses.stamp_ns),
+    )
+    unique = [series[~series.index.duplicated(keep=False)] for series in statistics]
+    both = pd.concat(unique, axis=1, join="inner", keys=("recorded", "filterpy"))
+    near = (both["recorded"] - both["filterpy"]).abs() <= _STATISTIC_ERROR * both["filterpy"].clip(
+        1
+    )
+    differing = both[~near]
+    found.values["filterpy"] = {"compared": len(both), "differing": len(differing)}
+    for stamp_ns, (value, reference) in differing[:1].iterrows():
+        inputs.findings.append(
+            f"the recorded statistic of {len(differing)} of {len(both)} poses is not that of"
+            f" filterpy's filter, first {value:.9g} for {reference:.9g} at"
+            f" {1e-9 * (stamp_ns - begin_ns):.3f} s: other parameters of the detector, poses"
+            " that were not recorded, or another detector"
+        )
+
+
+def _add_counts(found: NodeComparison, counted: Mapping[str, Any]) -> None:
+    """Add how many poses and events a node got, and how many it refused."""
+    found.values |= counted
+    for kind in ("events", "poses"):
+        refused = counted.get(f"{kind}_refused") or {}
+        words = [f"{count} {why}" for why, count in refused.items()]
+        number = [str(counted[kind])] if kind in counted else []
+        if number or words:
+            text = ", ".join([*number, *([f"refused: {', '.join(words)}"] if words else [])])
+            found.rows.insert(0, (kind, text))
 
 
 def _prepare(recording: Recording, request: ReplayRequest, result: Replay) -> Inputs:
@@ -125,7 +209,7 @@ def _prepare(recording: Recording, request: ReplayRequest, result: Replay) -> In
         if pose_topic != MOCAP_POSE.name:
             findings.append(f"poses are taken from {pose_topic}, the only candidate")
     asked = request.nodes or tuple(NODES)
-    missing = {name: [t for t in NODES[name].inputs if t not in there] for name in asked}
+    missing = {name: [t for t in needed_inputs(name) if t not in there] for name in asked}
     nodes = [name for name in asked if not missing[name]]
     why = [f"{n} can't be replayed: no {', '.join(m)} in the bag" for n, m in missing.items() if m]
     findings += why
@@ -136,8 +220,7 @@ def _prepare(recording: Recording, request: ReplayRequest, result: Replay) -> In
             f"'{recording.path}': nothing to replay ({'; '.join(why)}); its "
             f"topics: {listed or 'none'}; accepted: --map TOPIC:=NAME for topics of another name"
         )
-    wanted = {topic for name in nodes for topic in NODES[name].core.inputs}
-    wanted |= {SERIES[name].topic for name in outputs_of(nodes) if name in SERIES}
+    wanted = {topic for name in nodes for topic in (*NODES[name].inputs, *NODES[name].outputs)}
     wanted |= {TRUE_CONTACT.name, COLLISION_EVENT.name}
     wanted |= set([name for name in CLOCK_TOPICS if name in there][:1])
     if MOCAP_POSE.name in wanted and pose_topic is not None:
@@ -157,36 +240,6 @@ def _prepare(recording: Recording, request: ReplayRequest, result: Replay) -> In
         begin, end = recording.on_clock(extent).tolist()
         result.begin_ns, result.duration_s = begin, (end - begin) / 1e9
     return Inputs(recording, scenario, tuple(nodes), poses, findings)
-
-
-def _check_statistic(inputs: Inputs, recorded: OutputSeries, result: Replay) -> None:
-    """Compare the recorded statistic with that of filterpy's own filter; add what differs."""
-    from tombo_collision.reference_filter import reference_statistics  # filterpy takes 0.5 s
-
-    stamps_ns = inputs.poses.stamp_ns.tolist()
-    expected = reference_statistics(*inputs.stream(MOCAP_POSE.name), inputs.scenario.detector)
-    by_stamp = dict(zip(stamps_ns, expected.tolist(), strict=True))
-    # Of several poses with one stamp, it is not known which one a status belongs to.
-    unique = {stamp for stamp, count in Counter(stamps_ns).items() if count == 1}
-    rows = [
-        (stamp, value, by_stamp[stamp])
-        for stamp, (value,) in zip(
-            recorded.stamp_ns.tolist(), recorded.values.tolist(), strict=True
-        )
-        if stamp in unique
-    ]
-    differing = [
-        row for row in rows if not abs(row[1] - row[2]) <= _STATISTIC_ERROR * max(1.0, row[2])
-    ]
-    result.nodes["detector"]["filterpy"] = {"compared": len(rows), "differing": len(differing)}
-    if differing:
-        stamp, value, reference = differing[0]
-        result.findings.append(
-            f"the recorded statistic of {len(differing)} of {len(rows)} poses is not that of"
-            f" filterpy's filter, first {value:.9g} for {reference:.9g} at"
-            f" {1e-9 * (stamp - result.begin_ns):.3f} s: other parameters of the detector, poses"
-            " that were not recorded, or another detector"
-        )
 
 
 def _losses(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:

@@ -1,5 +1,7 @@
 """The figures of a flight, one record each: reports, terminals, sweeps and pictures read them.
 
+docs/figures.md defines them.
+
 Values of the paper: "Tombo Propeller: Bio-Inspired Deformable Structure toward
 Collision-Accommodated Control for Drones", the flight experiment with Conf. 13 propellers. Its
 frame is NED; points here are ENU: (x, y, z) = (east, north, up).
@@ -34,8 +36,6 @@ class Figure:
     name: str
     unit: str
     digits: int
-    definition: str = ""
-    """The meaning, and where it differs from the paper's."""
     paper: Value = None
     """Printed by the paper for its experiment with the reaction."""
     factor: float = 1.0
@@ -82,80 +82,19 @@ def _bounce(m: FlightMilestones) -> float | None:
 
 
 FIGURES: Final = (
-    Figure(
-        "outcome", "Outcome", "", 0,
-        "In the paper the vehicle recovers with the reaction; without it, it falls and crashes to "
-        "the ground. Crashed: the frame touches the ground before landing is commanded, or the "
-        "tilt passes 2.1 rad and does not come back. No contact is no success.",
-        paper="recovers", derived=lambda m: m.verdict.value,
-    ),
-    Figure(
-        "collision_time_s", "Time of the collision", "s", 2,
-        "First contact, on the clock that starts with the flight. The paper's value is read from "
-        "its figure: about, and set by how long the vehicle hovers first.",
-        paper=23.0,
-    ),
-    Figure(
-        "unstable_phase_s", "Unstable phase", "s", 2,
-        "From contact until the tilt stays below 0.17 rad and the body rate below 1 rad/s for "
-        "0.3 s.",
-        paper=1.5, card=True,
-    ),
-    Figure(
-        "recovery_phase_s", "Recovery phase", "s", 2,
-        "From the end of the unstable phase until the vehicle has settled at x_r; none where it "
-        "settles before that end.",
-        paper=3.5, derived=_recovery_phase,
-    ),
-    Figure(
-        "recovery_time_s", "Recovery time", "s", 2,
-        "Both phases together: from contact until the position stays within 0.1 m of x_r and the "
-        "speed below 0.1 m/s for 1 s. The paper's value is a mean over its trials.",
-        paper=5.0, card=True,
-    ),
-    Figure(
-        "max_falling_distance_m", "Largest falling distance", "m", 2,
-        "Height at contact minus the lowest height until settled. The paper's value is a mean "
-        "over its trials.",
-        paper=0.5, card=True,
-    ),
-    Figure(
-        "bounce_m", "Distance from x_c to x_r", "m", 3,
-        "The paper asks for d_r = 0.8 m, but the points it prints are 0.825 m apart: x_r was "
-        "chosen by hand there. Here x_r = x_c + d_r n_r with a unit n_r.",
-        paper=0.8, derived=_bounce,
-    ),
-    Figure(
-        "x_c_m", "x_c, point of collision", "m", 2,
-        "Position of the vehicle's centre at contact as the detector estimates it; if nothing was "
-        "detected, the true one. East, north, up; the paper prints it in north-east-down as "
-        "[0, 1.7, −2.0].",
-        paper=(1.7, 0.0, 2.0), derived=lambda m: m.x_c_m,
-    ),
-    Figure(
-        "x_r_m", "x_r, equilibrium point", "m", 2,
-        "Where the vehicle is sent after the collision. East, north, up; the paper prints it in "
-        "north-east-down as [0.2, 0.9, −2.0].",
-        paper=(0.9, 0.2, 2.0), derived=lambda m: m.x_r_m,
-    ),
-    Figure(
-        "contact_known_s", "Detection latency", "ms", 0,
-        "From the true contact until the reaction knows of it, by the poses of the motion capture "
-        "or, where it uses them, by gyro and accelerometer. Negative when the vehicle enters a "
-        "known region before it touches. Not printed in the paper.",
-        factor=1e3, card=True,
-    ),
-    Figure(
-        "max_tilt_rad", "Largest tilt", "°", 1,
-        "Largest angle between the vehicle's up axis and the vertical. Not printed in the paper.",
-        factor=180.0 / math.pi, card=True,
-    ),
-    Figure(
-        "settled_error_m", "Settled error", "m", 3,
-        "Distance from x_r once settled. Not printed in the paper.",
-        card=True,
-    ),
-)  # fmt: skip
+    Figure("outcome", "Outcome", "", 0, paper="recovers", derived=lambda m: m.verdict.value),
+    Figure("collision_time_s", "Time of the collision", "s", 2, paper=23.0),
+    Figure("unstable_phase_s", "Unstable phase", "s", 2, paper=1.5, card=True),
+    Figure("recovery_phase_s", "Recovery phase", "s", 2, paper=3.5, derived=_recovery_phase),
+    Figure("recovery_time_s", "Recovery time", "s", 2, paper=5.0, card=True),
+    Figure("max_falling_distance_m", "Largest falling distance", "m", 2, paper=0.5, card=True),
+    Figure("bounce_m", "Distance from x_c to x_r", "m", 3, paper=0.8, derived=_bounce),
+    Figure("x_c_m", "x_c, point of collision", "m", 2, (1.7, 0.0, 2.0), derived=lambda m: m.x_c_m),
+    Figure("x_r_m", "x_r, equilibrium point", "m", 2, (0.9, 0.2, 2.0), derived=lambda m: m.x_r_m),
+    Figure("contact_known_s", "Detection latency", "ms", 0, factor=1e3, card=True),
+    Figure("max_tilt_rad", "Largest tilt", "°", 1, factor=180.0 / math.pi, card=True),
+    Figure("settled_error_m", "Settled error", "m", 3, card=True),
+)
 """Those of a report, in their order."""
 MORE: Final = (
     Figure("hover_rms_m", "RMS error in hover", "m", 3),

@@ -37,7 +37,7 @@ _BEFORE_S, _AFTER_S = 2.0, 6.0
 """Time that the zoomed column shows before and after the contact."""
 _HEIGHTS: Final = (0.7, 2.0, 2.0, 2.0, 2.0, 0.6)
 """Of the rows: phase, horizontal position, height, attitude, thrust, fold."""
-_PLACES: Final = {"left": 0.062, "right": 0.985, "top": 0.9, "bottom": 0.055}
+_PLACES: Final = {"left": 0.062, "right": 0.982, "top": 0.9, "bottom": 0.055}
 _LETTER: Final = 0.0135
 """Width of a letter as a share of a panel, generously."""
 _DASHES: Final[Any] = (0, (4, 2))

@@ -63,8 +63,9 @@ _Row = tuple[Figure, Value, Value]
 """A figure, its value of the flight, and the paper's."""
 _FOOTER: Final = (
     "Positions are east, north, up in metres. Everything shown is ground truth of the simulation "
-    "unless it is called an estimate. The paper: “Tombo Propeller: Bio-Inspired Deformable "
-    "Structure toward Collision-Accommodated Control for Drones”."
+    "unless it is called an estimate. Figures are defined in docs/figures.md. The paper: “Tombo "
+    "Propeller: Bio-Inspired Deformable Structure toward Collision-Accommodated Control for "
+    "Drones”."
 )
 
 
@@ -126,7 +127,6 @@ def flight_page(
         sections=[
             Section("", [Markup(asset("stage.html"))], "page"),
             Section(figures, [_comparison_table(short, paper)]),
-            Section("", [_definitions(rows)], "page"),
             Section("The figure", [plot], "page"),
             Section("", [Folded("Events", [_events_table(flight.events)])], "page"),
             Section("", [Text(remarks)] if remarks else [], "terminal"),
@@ -140,10 +140,7 @@ def flight_page(
 def replay_scripts(flight: Flight) -> str:
     """Return data and scripts for the end of a page, which show a flight on its stage."""
     milestones = find_milestones(flight)
-    blocks = {
-        "milestones": milestones_block(flight, milestones),
-        "flight": flight_block(flight, milestones),
-    }
+    blocks = {"milestones": milestones_block(flight, milestones), "flight": flight_block(flight)}
     parts = [
         f'<script id="{name}" type="application/json">{script_json(block)}</script>'
         for name, block in blocks.items()
@@ -157,18 +154,13 @@ def _comparison_table(rows: Iterable[_Row], paper: bool) -> Table:
     """Return a table of figures, with those of the paper."""
     lines = [
         [
-            Cell(figure.name, tooltip=figure.definition),
+            Cell(figure.name),
             *([Cell(figure.text(printed))] if paper else []),
             Cell(figure.text(flown)),
         ]
         for figure, flown, printed in rows
     ]
     return Table(["Figure", *(["Paper"] if paper else []), "This flight"], lines, "compare")
-
-
-def _definitions(rows: Iterable[_Row]) -> Folded:
-    lines = [f"{figure.name}. {figure.definition}" for figure, _, _ in rows]
-    return Folded("What each figure means", [Text(lines, "list", "notes")])
 
 
 def _key_figures(rows: Sequence[_Row]) -> list[Card]:
@@ -180,7 +172,7 @@ def _key_figures(rows: Sequence[_Row]) -> list[Card]:
     for figure, flown, printed in shown:
         value, _, unit = figure.text(flown).partition(" ")
         beside = f"paper {fixed(printed, 1)} {figure.unit}" if isinstance(printed, float) else ""
-        cards.append(Card(figure.name, value, unit, beside, tooltip=figure.definition))
+        cards.append(Card(figure.name, value, unit, beside))
     return cards
 
 
@@ -206,6 +198,4 @@ def _facts(summary: Mapping[str, Any], milestones: FlightMilestones) -> list[str
         "interrupted" if summary.get("interrupted") else "",
         f"{milestones.duration_s:.1f} s of flight",
     ]
-    if (factor := summary["real_time_factor"]) is not None:
-        facts.append(f"simulated {factor:.0f} times faster than real time")
     return [fact for fact in facts if fact]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -53,7 +52,6 @@ def _environment() -> Environment:
     made.filters["kind"] = _kind
     made.filters["row"] = row_of
     made.filters["cell"] = cell_of
-    made.filters["percent"] = _percent
     made.filters["png"] = _png
     made.globals["asset"] = lambda name: SafeText(asset(name))
     return made
@@ -66,8 +64,3 @@ def _png(figure: Figure) -> str:
 
 def _kind(item: Item) -> str:
     return type(item).__name__.lower()
-
-
-def _percent(share: float) -> str:
-    """Return a share in percent, within 0 and 100."""
-    return f"{100.0 * min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0:.1f}%"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Final
@@ -48,11 +49,8 @@ class DrawnAirframe:
         return np.stack((self.arm_length * ARM_X, self.arm_length * ARM_Y, height), axis=1)
 
 
-COARSE_HZ: Final = 50.0
-FINE_HZ: Final = 200.0
-FINE_BEFORE_S: Final = 0.5
-FINE_AFTER_S: Final = 6.5
-MOST_COARSE_SAMPLES: Final = 6000
+KEPT_HZ: Final = 100.0
+MOST_SAMPLES: Final = 6000
 """A long flight is thinned further, so that the file stays small."""
 
 COLUMNS: Final = (
@@ -75,34 +73,24 @@ _MILESTONES: Final = (
 )
 
 
-def kept_samples(t: Array, mark_s: float | None) -> NDArray[np.intp]:
-    """Indices of the kept samples, ascending: 50 Hz, and 200 Hz around the contact.
+def kept_samples(t: Array) -> NDArray[np.intp]:
+    """Return the indices of the kept samples of times (N,) [s], the first and the last among them.
 
-    Args:
-        t: (N,) times of the flight, seconds, ascending.
-        mark_s: instant around which to keep more, or None.
+    They are at 100 Hz, or as dense as `MOST_SAMPLES` allows.
     """
-    end_s = float(t[-1])
-    step_s = max(1.0 / COARSE_HZ, end_s / MOST_COARSE_SAMPLES)
-    wanted = [np.arange(0.0, end_s, step_s), np.array([end_s])]
-    if mark_s is not None:
-        start_s = max(0.0, mark_s - FINE_BEFORE_S)
-        stop_s = min(end_s, mark_s + FINE_AFTER_S)
-        wanted += [np.arange(start_s, stop_s, 1.0 / FINE_HZ), np.array([mark_s])]
-    half_tick_s = (t[1] - t[0]) / 2.0 if len(t) > 1 else 0.0
-    index = np.searchsorted(t, np.concatenate(wanted) - half_tick_s)
-    kept: NDArray[np.intp] = np.unique(np.clip(index, 0, len(t) - 1))
+    count = min(math.ceil(float(t[-1] - t[0]) * KEPT_HZ), MOST_SAMPLES) + 1
+    kept: NDArray[np.intp] = np.unique(np.linspace(0, t.size - 1, count).round().astype(np.intp))
     return kept
 
 
-def flight_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]:
+def flight_block(flight: Flight) -> dict[str, Any]:
     """Thinned columns, ready for JSON.
 
     `columns` is a list of [name, width]; `base64` is little-endian float32: for each column in
     turn its (samples, width) rows. `contact_N` is the largest contact force since the kept
     sample before, so that a contact of a few milliseconds is not lost.
     """
-    index = kept_samples(flight.t, milestones.mark_s)
+    index = kept_samples(flight.t)
     blocks: list[tuple[str, Array]] = [("t", flight.t[index].reshape(-1, 1))]
     blocks += [(name, flight.log[name].reshape(len(flight.t), -1)[index]) for name in COLUMNS]
     blocks.append(("contact_N", _largest_since(flight.log["contact_force"], index)))

@@ -14,8 +14,6 @@ SKY: Final = "#56B4E9"
 INK: Final = "#1B2733"
 MUTED: Final = "#66737F"
 FAINT: Final = "#D9DFE4"
-UNCHANGED: Final = "#8A97A3"
-"""Values that are equal before and after."""
 PAPER: Final = "#FFFFFF"
 
 FRONT_LEFT: Final = VERMILLION

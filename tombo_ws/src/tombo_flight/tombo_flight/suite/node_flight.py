@@ -355,4 +355,4 @@ def _summarize(flown: _FlownByNodes, bag: Path, mode: str) -> FlightResult:
     record = dataclasses.replace(record, summary={**record.summary, **more})
     summary = flight_summary(record, interrupted=flown.interrupted, recorded_messages=messages)
     record = dataclasses.replace(record, summary=summary)
-    return FlightResult(record, summary, None)
+    return FlightResult(record, summary)

@@ -13,8 +13,6 @@ from pathlib import Path
 
 _IMPORTANT = re.compile(r"\[(WARN|ERROR|FATAL)\]|Error: ")
 _LINE = re.compile(r"\[(\w+)\] \[[\d.]+\] \[[^\]]*\]: (.*)")
-_AT_ONCE = 1 << 18
-"""Bytes that are read at a time; of a longer flood the newest."""
 _LAST_LOG_LINES = 8
 _MOST_SHOWN = 10
 """Warnings and errors that are shown at a time: the file has all."""
@@ -55,15 +53,10 @@ class NodeLog:
 
     def _read(self) -> list[str]:
         """Return the whole lines since the last call."""
-        try:
-            with self.path.open("rb") as file:
-                size = file.seek(0, os.SEEK_END)
-                skipped = size - self._place > _AT_ONCE
-                file.seek(size - _AT_ONCE if skipped else self._place)
-                data = file.read(_AT_ONCE)
-                self._place = file.tell()
-        except OSError:  # the file was removed
-            return []
-        *whole, self._rest = ((b"" if skipped else self._rest) + data).split(b"\n")
+        with self.path.open("rb") as file:
+            file.seek(self._place)
+            data = file.read()
+            self._place = file.tell()
+        *whole, self._rest = (self._rest + data).split(b"\n")
         lines = (line.decode("utf-8", "replace").rstrip() for line in whole)
         return [line for line in lines if line]

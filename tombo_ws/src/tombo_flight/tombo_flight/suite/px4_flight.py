@@ -33,8 +33,6 @@ _METRIC_KEYS: Final = {
     "messages_out": "link.sent",
 }
 """Key of the summary → of the bridge's diagnostics."""
-_REFUSED: Final = ("poses_refused.", "refused.", "link.")
-"""Beginnings of what counts refusals there."""
 
 
 class BridgeMonitor:
@@ -164,16 +162,7 @@ def px4_metrics(recording: Recording, flight: Flight) -> dict[str, Any]:
         "armed_duration_s": _lasted(status, "armed", end_s),
         "offboard_duration_s": _lasted(status, "offboard", end_s),
         "modes": _steps(status, "mode"),
-        "stages": _steps(status, "stage"),
         **{key: _reported_value(values, name) for key, name in _METRIC_KEYS.items()},
-        "refused": {
-            name: count
-            for name, count in values.items()
-            if name.startswith(_REFUSED)
-            and name not in _METRIC_KEYS.values()
-            and isinstance(count, int)
-            and count > 0
-        },
         "status_texts": _steps(status, "status_text"),
     }
 

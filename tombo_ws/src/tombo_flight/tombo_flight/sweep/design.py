@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,8 +22,6 @@ MOST_LEVELS = 10_000
 MOST_SAMPLES = 10_000_000
 _DRAW_SEED = 0
 """Of Latin hypercube and Sobol: the same command has the same points."""
-_SHARES = (1e-12, 1.0 - 1e-12)
-"""Smallest and largest probability that is drawn: the quantiles of 0 and 1 may be infinite."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?")
 _DISTRIBUTION = re.compile(rf"([a-z_]\w*)\(\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*\)")
@@ -61,20 +61,15 @@ class Axis:
 
         name, numbers = _DISTRIBUTION.fullmatch(self.distribution).groups()  # type: ignore[union-attr]
         kind = getattr(stats, name, None)
-        given = f"'{self.key}={self.distribution}'"
-        if not isinstance(kind, stats.rv_continuous):
-            raise InputError(
-                f"{given}: scipy.stats has no continuous distribution '{name}'; accepted: as "
-                "norm(mean,deviation), uniform(low,width), truncnorm(a,b,mean,deviation)"
-            )
-        try:
-            frozen = kind(*(float(number) for number in numbers.split(",")))
-            usable = math.isfinite(frozen.ppf(0.5))
-        except TypeError as error:
-            raise InputError(f"{given}: {error}; accepted: the arguments of {name}") from None
-        if not usable:
-            raise InputError(f"{given}: outside of what {name} accepts; accepted: see scipy.stats")
-        return frozen
+        accepted = "norm(mean,deviation), uniform(low,width), or another of scipy.stats"
+        if isinstance(kind, stats.rv_continuous):
+            with suppress(TypeError):  # another number of arguments
+                frozen = kind(*(float(number) for number in numbers.split(",")))
+                if math.isfinite(frozen.ppf(0.5)):
+                    return frozen
+        raise InputError(
+            f"'{self.key}={self.distribution}': no continuous distribution; accepted: {accepted}"
+        )
 
     def value_at(self, share: float) -> str:
         """Return the value at a share (0 to 1) of the axis, of a distribution its quantile."""
@@ -100,34 +95,27 @@ class SweepDesign:
 
         Raises:
             InputError: unknown kind; a repeated key or value; a range or a distribution in a full
-            design; an unknown distribution; or samples that do not fit.
+            design; an unknown distribution; or no samples of a drawn one.
         """
         if self.kind not in DESIGNS:
             raise unknown_name("--design", self.kind, DESIGNS)
         keys = [axis.key for axis in self.axes]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise InputError(f"{key} is varied twice; accepted: once")
+        if len(set(keys)) < len(keys):
+            raise InputError(f"{', '.join(keys)}: varied twice; accepted: each key once")
         for axis in self.axes:
-            values = [float(level) if axis.numeric else level for level in axis.levels]
-            for value, level in zip(values, axis.levels, strict=True):
-                if values.count(value) > 1:
-                    raise InputError(f"{axis.key}: {level} is given twice; accepted: once")
+            if len(set(axis.levels)) < len(axis.levels):
+                raise InputError(f"{axis.key}: a value is given twice; accepted: each once")
             if axis.distribution:
                 _ = axis.frozen
         if self.kind == "full":
-            if self.samples:
-                raise InputError("--samples: accepted: with --design lhs or sobol")
             for axis in self.axes:
                 if not axis.levels:
                     given = axis.distribution or f"{axis.low:g}:{axis.high:g}"
                     raise InputError(f"{axis.key}={given}: no levels; {_ACCEPTED}")
-        elif not self.axes:
-            raise InputError(f"--design {self.kind}: nothing is varied; {_ACCEPTED}")
-        elif not 1 <= self.samples <= MOST_SAMPLES:
+        elif not self.axes or not 1 <= self.samples <= MOST_SAMPLES:
             raise InputError(
-                f"--design {self.kind}: {self.samples} samples; accepted: --samples N, 1 to "
-                f"{MOST_SAMPLES}"
+                f"--design {self.kind}: {self.samples} samples of {len(keys)} keys; accepted: "
+                f"--samples N, 1 to {MOST_SAMPLES}, and at least one KEY=A:B"
             )
 
     @property
@@ -146,8 +134,7 @@ class SweepDesign:
             power = math.ceil(math.log2(self.samples)) if self.samples > 1 else 0
             sobol = qmc.Sobol(len(self.axes), seed=_DRAW_SEED)
             drawn = sobol.random_base2(power)[: self.samples]
-        shares: Array = np.clip(drawn, *_SHARES)
-        return shares
+        return np.asarray(drawn)
 
     def settings(self, point: int) -> dict[str, str]:
         """Return key → text of --set of a point, from 0; the last one varies fastest."""
@@ -222,14 +209,6 @@ def number_text(value: float) -> str:
 
 def value_text(value: Any) -> str:
     """Return a plain value as --set reads it."""
-    if isinstance(value, bool) or value is None:
-        return "null" if value is None else str(value).lower()
     if isinstance(value, str):
         return value
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, int | float):
-        return number_text(value) if math.isfinite(value) else str(value)
-    if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{k}: {value_text(v)}' for k, v in value.items())}}}"
-    return f"[{', '.join(value_text(inner) for inner in value)}]"
+    return json.dumps(value.tolist() if hasattr(value, "tolist") else value)

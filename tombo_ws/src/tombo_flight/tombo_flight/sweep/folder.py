@@ -1,4 +1,4 @@
-"""The folder of a sweep: one process flies in it, and it goes on after a kill.
+"""The folder of a sweep, and the flight of what it lacks: it goes on after a kill.
 
 Each batch of flights is a Parquet file in `parts/` as soon as it is flown; at the end all are
 joined to `flights.parquet`. The table does not depend on the number of interruptions.
@@ -7,11 +7,11 @@ joined to `flights.parquet`. The table does not depend on the number of interrup
 from __future__ import annotations
 
 import fcntl
-import io
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,19 +20,15 @@ import numpy as np
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.json_text import as_json
-from tombo_flight.process.output_folder import (
-    RESULT_FILES,
-    make_numbered,
-    make_parents,
-    remove_empty,
-    whole_file,
-    write_whole,
-)
-from tombo_flight.process.study import FlightRow, Flown, Task
+from tombo_flight.process.output_folder import RESULT_FILES, make_numbered, whole_file, write_whole
+from tombo_flight.process.study import Flown, Task, fly_tasks
 from tombo_flight.sweep.study import SweepStudy
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow as pa
+
+    from tombo_flight.report.page import Page
 
 HEAD = "sweep.json"
 PAGE = "sweep.html"
@@ -43,8 +39,8 @@ KEY = "flight"
 OUTCOME = "outcome"
 """Key of the head that does not belong to the study, like `RESULT`."""
 RESULT = "result"
-_UNITS = {"rad": "rad", "m": "m", "s": "s", "n": "N"}
-"""Ending of a figure's name → unit."""
+Progress = Callable[[int, float], None]
+"""Called with the number of flights that are on disk, and the time left [s]."""
 
 
 class SweepFolder:
@@ -61,15 +57,10 @@ class SweepFolder:
         self.is_kept = np.zeros(study.flights, dtype=bool)
         """Whether each flight is on disk."""
         for path in self._files():
-            flights = self._read(path, [KEY]).column(KEY).to_numpy()
+            flights = self._read(path).column(KEY).to_numpy()
             if self.is_kept[flights].all():  # killed after the table was written
                 path.unlink()
             self.is_kept[flights] = True
-
-    @property
-    def table(self) -> Path:
-        """The file with all flights, at the end."""
-        return self.folder / TABLE
 
     @property
     def kept(self) -> int:
@@ -87,6 +78,7 @@ class SweepFolder:
         Raises:
             OSError: it can't be written.
         """
+        import pyarrow as pa
         import pyarrow.parquet as pq
 
         rows = [
@@ -96,7 +88,7 @@ class SweepFolder:
         parts = self.folder / PARTS
         parts.mkdir(exist_ok=True)
         with whole_file(parts / f"{rows[0][KEY]:09d}.parquet") as unfinished:
-            pq.write_table(self._table_of(rows), unfinished)
+            pq.write_table(pa.Table.from_pylist(rows, self._schema()), unfinished)
         self.is_kept[[row[KEY] for row in rows]] = True
 
     def finish(self) -> None:
@@ -109,23 +101,17 @@ class SweepFolder:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        files = self._files()
-        if files != [self.table]:
-            table = pa.concat_tables([self._read(path) for path in files]).sort_by(KEY)
-            with whole_file(self.table) as unfinished:
-                pq.write_table(table, unfinished)
+        table, files = self.folder / TABLE, self._files()
+        if files != [table]:
+            joined = pa.concat_tables([self._read(path) for path in files]).sort_by(KEY)
+            with whole_file(table) as unfinished:
+                pq.write_table(joined, unfinished)
             shutil.rmtree(self.folder / PARTS)
 
-    def columns(self, names: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
-        """Return columns of the table: floats (NaN: none), or texts (None: none)."""
-        read = self._read(self.table, names)
-        kinds = self.study.columns()
-        return {
-            name: read.column(name).to_numpy()
-            if kinds[name] == "text"
-            else read.column(name).cast("double").to_numpy()
-            for name in names
-        }
+    def table(self) -> pd.DataFrame:
+        """Return all flights, at the end."""
+        read: pd.DataFrame = self._read(self.folder / TABLE).to_pandas()
+        return read
 
     def write_head(self, result: Mapping[str, Any] | None = None) -> None:
         """Write the study, and at the end its result."""
@@ -134,35 +120,17 @@ class SweepFolder:
         values = {**self.study.as_mapping(), **more, OUTCOME: outcome}
         write_whole(self.folder / HEAD, as_json(values))
 
-    def remove_flights(self) -> None:
-        """Remove all flights that are on disk."""
-        shutil.rmtree(self.folder / PARTS, ignore_errors=True)
-        self.table.unlink(missing_ok=True)
-        self.is_kept[:] = False
-
     def _files(self) -> list[Path]:
         parts = sorted((self.folder / PARTS).glob("[0-9]*.parquet"))
-        return [*([self.table] if self.table.is_file() else []), *parts]
+        table = self.folder / TABLE
+        return [*([table] if table.is_file() else []), *parts]
 
-    def _table_of(self, rows: Sequence[FlightRow]) -> pa.Table:
-        """Return rows as a table. By way of JSON, as `pa.array` would import pandas first."""
-        from pyarrow.json import ParseOptions, read_json
-
-        schema = self._schema()
-        lines = "\n".join(json.dumps(row, default=lambda value: value.tolist()) for row in rows)
-        options = ParseOptions(explicit_schema=schema, unexpected_field_behavior="error")
-        read = read_json(io.BytesIO(lines.encode()), parse_options=options)
-        return read.select(schema.names).cast(schema)
-
-    def _read(self, path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    def _read(self, path: Path) -> pa.Table:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        names = list(columns or self.study.columns())
         try:
-            with pq.ParquetFile(path) as file:  # `read_table` loads much more of pyarrow
-                read = file.read(names)
-            return read.select(names) if columns else read.select(names).cast(self._schema())
+            return pq.read_table(path).select(list(self.study.columns())).cast(self._schema())
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
             raise InputError(
                 f"'{path}' has no flights of this sweep: {error}; accepted: another folder, or "
@@ -170,17 +138,14 @@ class SweepFolder:
             ) from None
 
     def _schema(self) -> pa.Schema:
-        """Return the schema of the rows, with units, and the whole study in its metadata."""
+        """Return the schema of the rows, with the whole study in its metadata."""
         import pyarrow as pa
 
         kinds = {
             "text": pa.string(), "yes or no": pa.bool_(), "count": pa.int64(),
             "number": pa.float64(),
         }  # fmt: skip
-        fields = []
-        for name, kind in self.study.columns().items():
-            unit = _UNITS.get(name.rpartition("_")[2])
-            fields.append(pa.field(name, kinds[kind], metadata={"unit": unit} if unit else None))
+        fields = [(name, kinds[kind]) for name, kind in self.study.columns().items()]
         text = json.dumps(self.study.as_mapping(), ensure_ascii=False)
         return pa.schema(fields, metadata={"tombo": text})
 
@@ -191,7 +156,7 @@ def open_sweep(
 ) -> Iterator[SweepFolder]:
     """Open the folder of a sweep: a new or empty one, or that of the same sweep, to go on with.
 
-    A new one, with the parents made for it, is gone again where not one flight was flown.
+    A new one is gone again where not one flight was flown.
 
     Args:
         folder: the folder; its parents are made as needed.
@@ -200,30 +165,19 @@ def open_sweep(
         again: remove the results that are in the folder, of whatever was flown.
 
     Raises:
-        InputError: something else is in it, or another process flies it.
+        InputError: something else is in it, another process flies it, or it can't be written.
     """
     new = numbered or not folder.exists()
-    made: list[Path] = []
     try:
-        made += make_parents(folder)
+        folder.parent.mkdir(parents=True, exist_ok=True)
         if numbered:
             folder = make_numbered(folder)
-        else:
-            folder.mkdir(exist_ok=True)
-        made += [folder] if new else []
+        folder.mkdir(exist_ok=True)
     except OSError as error:
-        remove_empty(made)
         raise InputError(
             f"-o {folder}: can't be written ({error.strerror}); accepted: a folder, new or empty"
         ) from error
-    lock = os.open(folder, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(
-                f"-o {folder}: another process flies this sweep; accepted: another folder"
-            ) from None
+    with folder_lock(folder):
         if again:
             for name in (*RESULT_FILES, HEAD, PAGE, TABLE):
                 (folder / name).unlink(missing_ok=True)
@@ -235,10 +189,27 @@ def open_sweep(
                 opened.write_head()
             yield opened
         finally:
-            if not begun and not opened.kept:
+            if not opened.kept:
                 (folder / HEAD).unlink(missing_ok=True)
-                opened.remove_flights()
-                remove_empty(made)
+                if new:
+                    shutil.rmtree(folder)
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Refuse a folder in which another process flies.
+
+    Raises:
+        InputError: one does.
+    """
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        raise InputError(
+            f"-o {folder}: another process flies this sweep; accepted: another folder"
+        ) from None
     finally:
         os.close(lock)
 
@@ -277,9 +248,57 @@ def read_head(folder: Path) -> dict[str, Any]:
     """
     path = folder / HEAD
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"'{path}': {error}; accepted: a folder of a sweep") from None
-    if not isinstance(values, dict):
-        raise InputError(f"'{path}': no sweep; accepted: a folder of a sweep")
     return values
+
+
+def fly_sweep(
+    opened: SweepFolder,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+    stop: Callable[[], bool] | None = None,
+    page: bool = True,
+) -> Page | None:
+    """Fly what a sweep's folder does not have, and write table, page and result.
+
+    Args:
+        opened: the folder.
+        workers: processes of this machine; the cores that this process may use if None.
+        scheduler: address of a Dask scheduler, in place of processes of this machine.
+        progress: told the progress.
+        stop: asked now and then; True ends it, with the finished flights on disk.
+        page: make page and result, too.
+
+    Returns:
+        The page; None: it was stopped, or there is none.
+
+    Raises:
+        InputError: the scheduler can't be reached.
+        OSError: the folder can't be written.
+    """
+    study, began, before = opened.study, time.monotonic(), opened.kept
+
+    def keep(flown: Flown) -> None:
+        opened.keep(flown)
+        if progress is not None:
+            rate = (opened.kept - before) / max(time.monotonic() - began, 1e-6)
+            progress(opened.kept, (study.flights - opened.kept) / rate)
+
+    tasks, missing = opened.missing(), study.flights - before
+    fly_tasks(study, tasks, missing, keep, workers=workers, scheduler=scheduler, stop=stop)
+    if opened.kept < study.flights:
+        return None
+    opened.finish()
+    if not page:
+        return None
+    from tombo_flight.report.html import write_page
+    from tombo_flight.sweep.page import sweep_page
+
+    made = sweep_page(opened)
+    write_page(opened.folder / PAGE, made)
+    opened.write_head(made.data)
+    return made

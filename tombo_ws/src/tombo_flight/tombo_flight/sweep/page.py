@@ -7,8 +7,17 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any, Final
 
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from tombo_dynamics.arrays import Array
 from tombo_flight.flight import fly_scenario
-from tombo_flight.report.figures import BY_KEY, fixed
+from tombo_flight.report import style
+from tombo_flight.report.figure import new_figure
+from tombo_flight.report.figures import BY_KEY, Value, fixed
 from tombo_flight.report.flight_report import replay_scripts
 from tombo_flight.report.html import asset
 from tombo_flight.report.page import (
@@ -24,7 +33,6 @@ from tombo_flight.report.page import (
     Text,
 )
 from tombo_flight.sweep.folder import OUTCOME, SweepFolder
-from tombo_flight.sweep.pictures import draw_distributions
 from tombo_flight.sweep.results import (
     HEAD,
     MEANING,
@@ -36,10 +44,6 @@ from tombo_flight.sweep.results import (
 )
 from tombo_flight.sweep.study import SweepStudy
 
-MOST_FAILURES: Final = 200
-"""Failures that are listed; the table has all of them."""
-_MOST_ON_TERMINAL: Final = 60
-"""Points that a terminal shows."""
 _FEW_COLUMNS: Final = (0, 1, 3, 5)
 """Of the table of points, for which a terminal has room; of ranges the median."""
 _DESIGNS: Final = {"full": "full factorial", "lhs": "Latin hypercube", "sobol": "Sobol sequence"}
@@ -57,6 +61,10 @@ _SHOWN: Final = (
     *("contact_known_s", "settled_error_m", "max_tilt_rad", "hover_rms_m", "approach_rms_m"),
 )
 """Figures of the table of all flights."""
+_HISTOGRAMS: Final = (
+    *("max_falling_distance_m", "unstable_phase_s", "recovery_time_s"),
+    *("contact_known_s", "max_tilt_rad", "approach_rms_m"),
+)
 
 
 def sweep_page(opened: SweepFolder) -> Page:
@@ -67,6 +75,7 @@ def sweep_page(opened: SweepFolder) -> Page:
     replayed = worst and fly_scenario(
         study.scenario_at(study.place(worst["flight"])[0]), worst["seed"]
     )
+    draw = partial(draw_distributions, flights.flown, of_paper=results["of_paper"])
     return Page(
         title=f"Sweep of {study.label}",
         eyebrow="Sweep",
@@ -79,10 +88,9 @@ def sweep_page(opened: SweepFolder) -> Page:
             Section("Crash rate for each setting", _crash_rates(results)),
             Section("What decides", _decides(results)),
             Section("Points", _points(results, range(len(HEAD) + 1)), "page"),
-            Section("Points", _points_on_terminal(results), "terminal"),
-            Section("Distributions", _distributions(flights, results)),
+            Section("Points", _points(results, _FEW_COLUMNS), "terminal"),
+            Section("Distributions", [Picture(draw, "All flights; line: median")]),
             Section("Worst flight", _worst(results)),
-            Section("Failures, and how to fly them again", _failures(flights), "page"),
         ],
         data=results,
         css=_CSS,
@@ -100,13 +108,9 @@ def _summary(study: SweepStudy, results: Result) -> str:
         seeds = f"{end - first} seeds each"
         kind = _DESIGNS[study.design.kind]
         what = f"{kind}: {study.points} points over {varied}, {seeds}"
-    low, high = total["crash_rate_95"] or (0.0, 1.0)
-    counts = ", ".join(f"{total[name]} {name}" for name in ("collided", "detected", "recovered"))
-    return (
-        f"{what}; {results['flights']} flights: {results[OUTCOME]} ({100.0 * low:.1f} to "
-        f"{100.0 * high:.1f} %), {counts}, {total['landed']} landed; {total['false_alarms']} "
-        "false alarms."
-    )
+    counts = ", ".join(f"{total[name]} {name}" for name in ("collided", "detected", "landed"))
+    alarms = f"{total['false_alarms']} false alarms"
+    return f"{what}; {results['flights']} flights: {results[OUTCOME]}, {counts}; {alarms}."
 
 
 def _cards(total: Result) -> list[Card]:
@@ -189,15 +193,6 @@ def _points(results: Result, columns: range | tuple[int, ...]) -> list[Item]:
     return [Table([names[n] for n in columns], rows, "points", note=MEANING)]
 
 
-def _points_on_terminal(results: Result) -> list[Item]:
-    return _points(results, _FEW_COLUMNS) if len(results["points"]) <= _MOST_ON_TERMINAL else []
-
-
-def _distributions(flights: SweepFlights, results: Result) -> list[Item]:
-    draw = partial(draw_distributions, flights.columns, of_paper=results["of_paper"])
-    return [Picture(draw, "All flights; line: median")]
-
-
 def _worst(results: Result) -> list[Item]:
     worst: dict[str, Any] | None = results["worst"]
     if worst is None:
@@ -210,14 +205,36 @@ def _worst(results: Result) -> list[Item]:
     return [Text([words]), Text([worst["command"]], "command"), Markup(asset("stage.html"))]
 
 
-def _failures(flights: SweepFlights) -> list[Item]:
-    reasons = dict.fromkeys(flights.crashed, "crashed") | flights.errors
-    if not reasons:
-        return [Text(["None."])]
-    rows = [
-        (str(flight), reasons[flight], Cell(flights.study.command(flight), code=True))
-        for flight in sorted(reasons)[:MOST_FAILURES]
-    ]
-    more = len(reasons) - len(rows)
-    note = f"And {more} more in the table." if more > 0 else ""
-    return [Table(("flight", "outcome", "command"), rows, note=note)]
+def draw_distributions(flights: pd.DataFrame, *, of_paper: bool) -> Figure:
+    """Draw histograms; marked are median, 5 to 95 % of the flights, and the paper's value."""
+    # Fixed places: a layout that measures the texts would draw all of them twice.
+    places = {"left": 0.045, "right": 0.99, "bottom": 0.065, "top": 0.95, "hspace": 0.26}
+    with new_figure(12.0, 7.0, 110) as figure:
+        panels = figure.subplots(2, 3, gridspec_kw={**places, "wspace": 0.15}).flat
+        for axes, key in zip(panels, _HISTOGRAMS, strict=True):
+            figure_of = BY_KEY[key]
+            values = figure_of.factor * flights[key].dropna().to_numpy(float)
+            printed = figure_of.paper if of_paper else None
+            _histogram(axes, values, figure_of.label, printed)
+    return figure
+
+
+def _histogram(axes: Axes, values: Array, label: str, printed: Value) -> None:
+    axes.set_xlabel(label)
+    axes.set_ylabel("flights")
+    if not values.size:
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", color=style.MUTED)
+        axes.set(xticks=[], yticks=[])
+        return
+    bins = max(5, min(30, round(2.0 * values.size**0.5)))
+    low, median, high = np.percentile(values, (5.0, 50.0, 95.0))
+    axes.axvspan(low, high, color=style.FAINT, lw=0.0, label=f"5 to 95 %: {low:.3g} to {high:.3g}")
+    counts, edges = np.histogram(values, bins)
+    axes.stairs(counts, edges, fill=True, color=style.SKY)
+    axes.axvline(median, color=style.INK, lw=1.4, label=f"median {median:.3g}")
+    if isinstance(printed, float):
+        axes.axvline(printed, color=style.VERMILLION, lw=1.8, ls="--", label=f"paper {printed:g}")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylim(0.0, 1.05 * counts.max())
+    spacing = {"handlelength": 1.2, "handletextpad": 0.4, "columnspacing": 1.0}
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1, ncols=3, **spacing)

@@ -7,20 +7,14 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 
 from tombo_dynamics.arrays import Array
 from tombo_flight.report.figures import is_paper_flight
 from tombo_flight.scenario import as_mapping
 from tombo_flight.sweep.design import Axis
 from tombo_flight.sweep.folder import KEY, OUTCOME, SweepFolder
-from tombo_flight.sweep.statistics import (
-    COUNTED,
-    SPREAD_METRICS,
-    Columns,
-    crash_rate,
-    flight_statistics,
-    rank_correlation,
-)
+from tombo_flight.sweep.statistics import crash_rate, flight_statistics, rank_correlation
 from tombo_flight.sweep.study import CASE, REACTION
 
 MOST_POINTS = 1000
@@ -33,46 +27,36 @@ _RANKED = ("crashed", "max_falling_distance_m", "recovery_time_s")
 Result = Mapping[str, Any]
 
 
-def cells_of(
-    axis: Axis | None, values: np.ndarray[Any, Any]
-) -> tuple[list[str], np.ndarray[Any, Any]]:
+def cells_of(axis: Axis | None, values: pd.Series[Any]) -> tuple[list[str], pd.Series[Any]]:
     """Sort (N,) values of a setting into its levels, or bins of equal width or probability.
 
     Returns:
         The names of the cells, and the cell (N,) of each value.
     """
-    levels = list(dict.fromkeys(values.tolist())) if axis is None else list(axis.levels)
+    levels = list(values.unique()) if axis is None else list(axis.levels)
     if levels and len(levels) <= _MOST_LEVELS:
         keys = [float(v) for v in levels] if axis and axis.numeric else levels
-        place = {key: n for n, key in enumerate(keys)}
-        return [str(v) for v in levels], np.array([place[value] for value in values.tolist()])
+        return [str(v) for v in levels], values.map({key: n for n, key in enumerate(keys)})
     shares: Array = np.arange(_BINS + 1, dtype=np.float64) / _BINS
     edges: Array = values.min() + shares * np.ptp(values)
     if axis is not None and axis.distribution:
         edges = np.quantile(values, shares)
     cell = np.clip(np.searchsorted(edges, values, "right") - 1, 0, _BINS - 1)
-    return [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)], cell
+    names = [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)]
+    return names, pd.Series(cell, index=values.index)
 
 
 class SweepFlights:
-    """The flights of a sweep that were flown, as columns."""
+    """The flights of a sweep that were flown, a row each."""
 
     def __init__(self, opened: SweepFolder) -> None:
         """Read them from the table."""
         self.study = opened.study
-        names = (KEY, "point", *self.study.keys, *COUNTED, *SPREAD_METRICS, "error")
-        read = opened.columns(names)
-        flown = np.array([error is None for error in read["error"]])
-        self.columns: Columns = {name: values[flown] for name, values in read.items()}
-        self.errors: dict[int, str] = dict(
-            zip(read[KEY][~flown].astype(int).tolist(), read["error"][~flown], strict=True)
-        )
+        table = opened.table().set_index(KEY)
+        flown = table["error"].isna()
+        self.flown = table[flown]
+        self.errors: dict[int, str] = table.loc[~flown, "error"].to_dict()
         """Number of a flight that could not be flown → the reason."""
-
-    @property
-    def crashed(self) -> list[int]:
-        """The numbers of the flights that crashed."""
-        return [int(number) for number in self.columns[KEY][self.columns["crashed"] > 0.0]]
 
     def results(self) -> dict[str, Any]:
         """Return the result of the sweep.
@@ -87,7 +71,7 @@ class SweepFlights:
         """
         study, errors = self.study, self.errors
         first = min(errors, default=None)
-        aggregate = flight_statistics(self.columns)
+        aggregate = flight_statistics(self.flown)
         not_flown = f", {len(errors)} not flown" if errors else ""
         return {
             "scenario": study.label,
@@ -112,9 +96,9 @@ class SweepFlights:
     def _settings(self) -> list[dict[str, Any]]:
         """Return the crash rate for each value of each setting."""
         axes = {axis.key: axis for axis in self.study.design.axes}
-        crashed, rows = self.columns["crashed"], []
+        crashed, rows = self.flown["crashed"], []
         for key in self.study.keys if crashed.size else ():
-            labels, cell = cells_of(axes.get(key), self.columns[key])
+            labels, cell = cells_of(axes.get(key), self.flown[key])
             for n, label in enumerate(labels):
                 rows.append({"key": key, "value": label, **crash_rate(crashed[cell == n])})
         return rows
@@ -125,11 +109,10 @@ class SweepFlights:
             return []
         points = []
         for point in range(study.points):
-            inside = self.columns["point"] == point
             points.append({
                 "varied": study.varied(point),
                 "command": study.command(point * study.seeds_each),
-                **flight_statistics({name: of[inside] for name, of in self.columns.items()}),
+                **flight_statistics(self.flown[self.flown["point"] == point]),
             })  # fmt: skip
         return points
 
@@ -141,22 +124,23 @@ class SweepFlights:
             for key in self.study.keys
             if kinds[key] == "number"
             for figure in _RANKED
-            if (found := rank_correlation(self.columns[key], self.columns[figure])) is not None
+            if (found := rank_correlation(self.flown[key], self.flown[figure])) is not None
         ]
         return sorted(rows, key=lambda row: -abs(row["rho"]))
 
     def _worst(self) -> dict[str, Any] | None:
         """Return the flight that crashed, of several the one that fell farthest; None: none."""
-        crashed, fall = self.columns["crashed"], self.columns["max_falling_distance_m"]
-        order = np.lexsort((np.nan_to_num(fall, nan=-1.0), crashed))
-        if not order.size or (crashed[order[-1]] == 0.0 and np.isnan(fall[order[-1]])):
+        fall = self.flown["max_falling_distance_m"].fillna(-1.0)
+        crashed = self.flown["crashed"].astype(bool)
+        order = np.lexsort((fall, crashed))
+        if not order.size or (not crashed.iloc[order[-1]] and fall.iloc[order[-1]] < 0.0):
             return None
-        flight = int(self.columns[KEY][order[-1]])
+        flight = int(self.flown.index[order[-1]])
         point, seed = self.study.place(flight)
         return {
             "flight": flight,
             "seed": seed,
-            "crashed": bool(crashed[order[-1]]),
+            "crashed": bool(crashed[flight]),
             "varied": self.study.varied(point),
             "command": self.study.command(flight),
         }

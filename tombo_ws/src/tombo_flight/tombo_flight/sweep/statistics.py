@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-Columns = Mapping[str, np.ndarray[Any, Any]]
-"""Name of a figure → (N,) values of N flights: numbers (NaN: none), or texts (None: none)."""
+if TYPE_CHECKING:
+    import pandas as pd
 
 SPREAD_METRICS = (
     "detection_latency_s",
@@ -27,22 +26,11 @@ SPREAD_METRICS = (
     "duration_s",
 )
 """Figures of a summary whose spread over the flights is given; SI units as the names say."""
-TEXTS = ("contact_rotor", "struck_rotor")
-COUNTED = ("collided", "detected", "crashed", "landed", "false_alarms", *TEXTS)
-"""Further figures that `flight_statistics` reads."""
 _SHARES = ("mean", "std", "median", "p05", "p95", "max")
 
 
-def columns_of(summaries: Sequence[Mapping[str, Any]]) -> Columns:
-    """Return the figures that `flight_statistics` reads, as columns."""
-    return {
-        name: np.array([s[name] for s in summaries], dtype=object if name in TEXTS else np.float64)
-        for name in (*COUNTED, *SPREAD_METRICS)
-    }
-
-
-def spread(values: np.ndarray[Any, Any]) -> dict[str, float | int | None]:
-    """Return how (N,) values are spread; flights without the figure (NaN) are left out.
+def spread(values: pd.Series[Any]) -> dict[str, float | int | None]:
+    """Return how (N,) values are spread; flights without the figure are left out.
 
     Returns:
         count, mean, std (of the sample; None for less than two), median, p05, p95 (percentiles,
@@ -50,7 +38,7 @@ def spread(values: np.ndarray[Any, Any]) -> dict[str, float | int | None]:
         modes, the mean may be a value that no flight has: median and percentiles are what to
         quote.
     """
-    there = values[~np.isnan(values)]
+    there = values.dropna().to_numpy(float)
     if not there.size:
         return {"count": 0, **dict.fromkeys(_SHARES)}
     p05, median, p95 = (round(float(p), 6) for p in np.percentile(there, (5.0, 50.0, 95.0)))
@@ -80,8 +68,8 @@ def share_interval(count: int, of: int) -> tuple[float, float] | None:
     return round(low, 6), round(high, 6)
 
 
-def crash_rate(crashed: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """Return flights, crashed, crash_rate and its 95 % interval of (N,) outcomes, 1: crashed."""
+def crash_rate(crashed: pd.Series[Any]) -> dict[str, Any]:
+    """Return flights, crashed, crash_rate and its 95 % interval of (N,) outcomes."""
     count, of = int(crashed.sum()), int(crashed.size)
     interval = share_interval(count, of)
     return {
@@ -92,11 +80,11 @@ def crash_rate(crashed: np.ndarray[Any, Any]) -> dict[str, Any]:
     }
 
 
-def flight_statistics(flights: Columns) -> dict[str, Any]:
+def flight_statistics(flights: pd.DataFrame) -> dict[str, Any]:
     """Return the figures of many flights.
 
     Args:
-        flights: the columns `COUNTED` and `SPREAD_METRICS`.
+        flights: a row a flight, with the figures of its summary as columns.
 
     Returns:
         what `crash_rate` returns, counts of outcomes, `false_alarms` in all flights and an hour of
@@ -104,18 +92,16 @@ def flight_statistics(flights: Columns) -> dict[str, Any]:
         touched, `struck_rotor_right`: the share of these in which it is the true one, and the
         spread of each of `SPREAD_METRICS`. Shares and rates of nothing are None.
     """
-    crashed = flights["crashed"]
-    collided = flights["collided"] > 0.0
-    settled = ~np.isnan(flights["recovery_time_s"])
-    named = np.array([rotor is not None for rotor in flights["struck_rotor"]], bool) & collided
+    crashed = flights["crashed"].astype(bool)
+    named = flights["struck_rotor"].notna() & flights["collided"].astype(bool)
     right = (flights["struck_rotor"] == flights["contact_rotor"]) & named
     alarms = int(flights["false_alarms"].sum())
     return {
         **crash_rate(crashed),
-        "collided": int(collided.sum()),
+        "collided": int(flights["collided"].sum()),
         "detected": int(flights["detected"].sum()),
-        "not_crashed": int((crashed == 0.0).sum()),
-        "recovered": int((settled & (crashed == 0.0)).sum()),
+        "not_crashed": int((~crashed).sum()),
+        "recovered": int((flights["recovery_time_s"].notna() & ~crashed).sum()),
         "landed": int(flights["landed"].sum()),
         "false_alarms": alarms,
         "false_alarms_per_hour": _share(alarms, float(flights["duration_s"].sum()) / 3600.0),
@@ -129,16 +115,17 @@ def _share(count: int, of: float) -> float | None:
     return round(count / of, 6) if of else None
 
 
-def rank_correlation(x: np.ndarray[Any, Any], y: np.ndarray[Any, Any]) -> dict[str, Any] | None:
+def rank_correlation(x: pd.Series[Any], y: pd.Series[Any]) -> dict[str, Any] | None:
     """Return Spearman's rank correlation of two figures (N,), and its p-value.
 
-    Flights without one of the two (NaN) are left out; None: fewer than three have both, or one of
-    the two is the same in all.
+    Flights without one of the two are left out; None: fewer than three have both, or one of the
+    two is the same in all.
     """
-    both = ~(np.isnan(x) | np.isnan(y))
-    if both.sum() < 3 or np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
+    both = x.notna() & y.notna()
+    x, y = x[both].astype(float), y[both].astype(float)
+    if len(x) < 3 or x.nunique() < 2 or y.nunique() < 2:
         return None
     from scipy.stats import spearmanr
 
-    result = spearmanr(x[both], y[both])
-    return {"flights": int(both.sum()), "rho": float(result.statistic), "p": float(result.pvalue)}
+    result = spearmanr(x, y)
+    return {"flights": len(x), "rho": float(result.statistic), "p": float(result.pvalue)}

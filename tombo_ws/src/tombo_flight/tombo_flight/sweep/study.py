@@ -13,7 +13,7 @@ from tombo_collision.reactions import REGISTRY
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_seed
 from tombo_dynamics.yaml_text import parse_yaml, read_text
-from tombo_flight.command_line import fly_command
+from tombo_flight.command_line import command_line
 from tombo_flight.flight_output import flight_summary
 from tombo_flight.json_text import plain
 from tombo_flight.own_files import imported_files
@@ -52,10 +52,6 @@ FIGURES: Mapping[str, str] = {
     ),
 }
 """Figures of a summary (docs/figures.md) → kind of their column."""
-LEFT_OUT = ("tombo_version", "model", "seed", "recorded_messages")
-"""Keys of a summary that are equal for all flights, or have separate columns."""
-WALL_COLUMNS = ("wall_time_s", "real_time_factor")
-"""What differs between two sweeps of the same study."""
 _AXES = ("x", "y", "z")
 
 
@@ -198,14 +194,9 @@ class SweepStudy:
         """Return the command line that flies a flight again, alone."""
         point, seed = self.place(flight)
         case, settings = self._case_and_settings(point)
-        return fly_command(
-            case.scenario,
-            seed,
-            settings=settings,
-            model=self.model,
-            vehicle=self.vehicle,
-            imports=self.imports,
-        )
+        imports = [("--import", path) for path, _ in self.imports]
+        options = [("--seed", str(seed)), ("--model", self.model), ("--vehicle", self.vehicle)]
+        return command_line(("fly", case.scenario), [*options, *imports], settings)
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it in the types of JSON: the description of the flights in `sweep.json`."""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from tombo_bringup.cli import options
-from tombo_bringup.cli.errors import print_warnings
 from tombo_bringup.cli.flight.optional_url import PX4_RULES, Px4Options, expand_url_option
 from tombo_bringup.cli.options import argument, command, option, record
 from tombo_bringup.cli.result_files import Place, new_run, plain_name
@@ -81,7 +80,7 @@ def fly(
     With --seeds: flights.parquet, sweep.html and sweep.json, as `tombo sweep` of nothing but
     seeds. Killed, the same command with -o DIR goes on.
     """
-    from tombo_flight.scenario import load_scenario, scenario_warnings
+    from tombo_flight.scenario import load_scenario
 
     many = None if several.seeds is None else parse_seeds(several.seeds)
     given = {**vars(draw), **vars(several), **vars(variation), **vars(pace), **vars(domain)}
@@ -90,7 +89,6 @@ def fly(
     seed, scenario = draw.seed or 0, more.scenario or (_REAL if real else _SIMULATED)
     fixed = [*([_REAL_HEIGHT] if real else []), *variation.changes]
     chosen = load_scenario(scenario, fixed, variation.model, variation.vehicle)
-    print_warnings(scenario_warnings(chosen))
     rest = f"{many.start}-{many.stop}" if many else str(seed)
     rest += "-px4" if px4.px4 is not None else "-nodes" if more.nodes else ""
     if place.output is not None:

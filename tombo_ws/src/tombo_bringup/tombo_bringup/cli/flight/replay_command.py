@@ -54,8 +54,7 @@ def replay(
     headers. Parameters are those of the recorded flight if the bag has them; --set changes one
     over them, as detector.threshold=30. With -o also replay.json, over that of an earlier replay.
     """
-    from tombo_flight.replay.page import replay_page
-    from tombo_flight.replay.run import ReplayRequest, replay_bag
+    from tombo_flight.replay.run import ReplayRequest, replay_bag, replay_page
 
     request = ReplayRequest(
         nodes=_nodes(given.nodes or []),
@@ -78,7 +77,7 @@ def replay(
 
 def _nodes(names: list[str]) -> tuple[str, ...]:
     from tombo_dynamics.errors import unknown_name
-    from tombo_flight.replay.outputs import NODES
+    from tombo_flight.replay.compared import NODES
 
     for name in names:
         if name not in NODES:
