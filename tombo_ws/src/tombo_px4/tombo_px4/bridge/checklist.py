@@ -245,7 +245,7 @@ class Checklist:
         flying: bool,
         unwritten: Mapping[str, float] | None = None,
     ) -> list[Finding]:
-        """Ask all questions in order; return the faults, those that block first.
+        """Ask all questions in order; return the faults; first the ones that block arming.
 
         Args:
             now_ns: the present.
@@ -262,8 +262,8 @@ class Checklist:
         self._read_samples()
         if not flying:
             self._keep_proof()
-        found = self._ask(When.FLIGHT if flying else When.GROUND)
-        return sorted(found, key=lambda finding: not finding.blocks)
+        findings = self._ask(When.FLIGHT if flying else When.GROUND)
+        return sorted(findings, key=lambda finding: not finding.blocks)
 
     def motion_findings(
         self, drift_m: float, checks_takeoff: bool, silent_s: float
@@ -279,13 +279,13 @@ class Checklist:
         return self._ask(When.MOTION)
 
     def _ask(self, when: When) -> list[Finding]:
-        found: dict[str, Finding] = {}
+        findings: dict[str, Finding] = {}
         for check in CHECKS:
-            if check.when & when and not found.keys() & {check.key, *check.unless}:
+            if check.when & when and not findings.keys() & {check.key, *check.unless}:
                 values = check.evidence(self)
                 if values is not None:
-                    found[check.key] = Finding(check, check.message.format(*values))
-        return list(found.values())
+                    findings[check.key] = Finding(check, check.message.format(*values))
+        return list(findings.values())
 
     # --- What the evidence looks at ---------------------------------------------------------
 
@@ -390,7 +390,7 @@ class Checklist:
 # --- Evidence: the values of the message, None without a fault -----------------------------------
 
 
-def _words(text: str) -> Values:
+def _named(text: str) -> Values:
     return (text,) if text else None
 
 
@@ -399,7 +399,7 @@ def _when(wrong: object, *values: object) -> Values:
 
 
 def _not_taken(lab: Checklist) -> Values:
-    return _words(", ".join(f"{name}={value:g}" for name, value in lab.unwritten.items()))
+    return _named(", ".join(f"{name}={value:g}" for name, value in lab.unwritten.items()))
 
 
 def _refusal(lab: Checklist, why: PoseRefusal) -> Values:
@@ -542,7 +542,7 @@ def _way(lab: Checklist) -> Values:
     return _when(off_m > LIMITS.off_m, off_m)
 
 
-def _aside(lab: Checklist) -> Values:
+def _moves_aside(lab: Checklist) -> Values:
     level = lab.motion.level
     if lab.motion.confirmed or level.time_s < DECIDES_S:  # jumps of poses alone are not of axes
         return None
@@ -647,13 +647,13 @@ CHECKS = (
     ),
     Check(
         "loss_parameters", "does a loss end on the ground?",
-        lambda lab: _words(explain_parameters(lab.values, blocks=True)),
+        lambda lab: _named(explain_parameters(lab.values, blocks=True)),
         "a loss in flight would not end on the ground: {}. With your consent the bridge sets"
         " them: --bridge px4_parameters=safe",
     ),
     Check(
         "mocap_parameters", "is mocap alone fused?",
-        lambda lab: _words(explain_parameters(lab.values, blocks=False)),
+        lambda lab: _named(explain_parameters(lab.values, blocks=False)),
         "{}; --bridge px4_parameters=mocap sets all of them but EKF2_EV_DELAY", blocks=False,
     ),
     Check("not_fused", "does PX4 fuse the poses?", _not_fused, "{}", ends_flight=True),
@@ -697,7 +697,7 @@ CHECKS = (
     ),
     Check(
         "mocap_axes", "did a motion by hand agree?",
-        lambda lab: _words(lab.verdict.mistake if lab.verdict else ""), "{}",
+        lambda lab: _named(lab.verdict.mistake if lab.verdict else ""), "{}",
     ),
     Check(
         "axes_unproven", "has it proven the axes?", _unproven,
@@ -729,7 +729,7 @@ CHECKS = (
         _MOTION,
     ),
     Check(
-        "moves_aside", "do the poses move where PX4 drives the vehicle?", _aside,
+        "moves_aside", "do the poses move where PX4 drives the vehicle?", _moves_aside,
         "poses move {} where PX4's tilt drives the vehicle: x of the rigid body is not the nose,"
         " or the axes of the positions are not those of the attitude, or left-handed",
         _MOTION, voids_proof=True, rotated=True,

@@ -70,7 +70,7 @@ class FlightMotion:
         recent: motion that poses have to show; earlier one fades.
         off_m, off_up_m: least distance between poses and accelerometer over a span in the last
             1/7 s [m], and upwards.
-        climbed_m: what the barometer moved within 5 s against the poses [m].
+        climbed_m: motion of the barometer against the poses within 5 s [m].
         since_strike_s: time since the last strike [s].
     """
 

@@ -39,8 +39,8 @@ IMU = np.dtype(
     [*_TIMES, ("gyro", "f8", 3), ("accel", "f8", 3), ("force", "f8", 3), ("altitude", "f8"),
      ("airborne", "?")]
 )  # fmt: skip
-"""Rates [rad/s] and specific force [m/s^2] in base_link, the force in map by PX4's attitude,
-height of the barometer [m], and whether PX4 calls the vehicle airborne."""
+"""Rates [rad/s] and specific force [m/s^2] in base_link; the force in map by PX4's attitude.
+Height of the barometer [m]; PX4 calls the vehicle airborne."""
 
 
 class Samples:
@@ -127,7 +127,7 @@ def sum_motion(seen: Array, felt: Array, weight_s: Array) -> MotionSums:
     Args:
         seen: of the poses.
         felt: of the IMU.
-        weight_s: (M) time that each sample stands for [s]; 0 leaves it out.
+        weight_s: (M) time of each sample [s]; 0 leaves it out.
     """
     level, level_felt = (v[:, 0] + 1j * v[:, 1] for v in (seen, felt))
     up = seen[:, 2] * felt[:, 2]
