@@ -22,6 +22,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
+from tempfile import gettempdir
 from typing import Any, Final
 
 import numpy as np
@@ -158,7 +159,7 @@ def fly_crazyflow(python: Path, sent: Mapping[str, Any]) -> dict[str, Any]:
     kept = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     done = subprocess.run(
         [python, _SCRIPT], input=json.dumps(sent), capture_output=True, text=True,
-        env={**kept, "JAX_PLATFORMS": "cpu"}, check=False,
+        env={**kept, "JAX_PLATFORMS": "cpu"}, cwd=gettempdir(), check=False,
     )  # fmt: skip
     if done.returncode:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]

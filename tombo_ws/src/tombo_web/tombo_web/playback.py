@@ -24,8 +24,8 @@ class Playback:
 
     seekable = True
 
-    def __init__(self, flight: Flight, speed: float = 1.0, start_s: float | None = None) -> None:
-        """Begin at `start_s` [s of the flight], or where it begins.
+    def __init__(self, flight: Flight, speed: float = 1.0) -> None:
+        """Begin where the flight begins.
 
         Raises:
             InputError: the speed is out of bounds, or the flight holds no message.
@@ -44,11 +44,10 @@ class Playback:
         self.contact_s = _contact_s(flight)
         """When the vehicle touched the obstacle, or was first told to have [s]; None: never."""
         self.set_speed(speed)
-        self._start_s = self.first_s if start_s is None else start_s
 
     def begin(self) -> list[TopicMessage]:
         """Return the messages known at the beginning."""
-        return self.seek(self._start_s)
+        return self.seek(self.first_s)
 
     def set_speed(self, speed: float) -> None:
         """Set the speed, recorded time over real time.

@@ -115,12 +115,10 @@ class Verdict(Record):
     far_setpoints = field("1", "steps with a reference further than allowed", kind=int)
     outside = field("1", "steps with a reference outside of the volume", kind=int)
     fast_falls = field("1", "touches of the ground at more than 2 m/s but for a kill", kind=int)
-    blind_steps = field("1", "with the rotors on at the ground in a descent", kind=int)
-    longest_ground = field("1", "the most of them on end", kind=int)
+    longest_ground = field("1", "most steps on end with rotors on at the ground in a descent",
+                           kind=int)  # fmt: skip
     still_on = field("1", "rotors turn at the end, without a flight", kind=bool)
     state = field("1", "the controller's state at the end", kind=int)
-    phase = field("1", "the mission's phase at the end", kind=int)
-    visited = field("1", "bits of the states that were visited", kind=int)
     rows = field("1", "bits of the rows of the table that decided", kind=int)
 
 
@@ -451,7 +449,6 @@ def fly_faults(s: Suite, world: FaultWorld, faults: Any, steps: int, verdict: Ve
         if step > last + _QUIET and rest > _QUIET:
             break  # nothing turns, nothing is to come
     verdict.state = s.controller.watch.state
-    verdict.phase = s.mission.mode
 
 
 @compiled(inline=False)
@@ -460,7 +457,6 @@ def _classify_outcome(
 ) -> None:
     """Count what must not be."""
     watch, height = s.controller.watch, world.position[2] - _LEG
-    verdict.visited |= 1 << watch.state
     if watch.row >= 0:
         verdict.rows |= 1 << watch.row
     if not world.aloft and height > 0.1:
