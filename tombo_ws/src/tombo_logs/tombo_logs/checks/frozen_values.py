@@ -63,7 +63,7 @@ def interpolated_spans(t: Array, values: Array) -> list[Span]:
 
 
 def unmeasured(flight: str, channel: str, series: Series) -> list[Finding]:
-    """Report where a channel is frozen, or a straight line for long: these are no measurements."""
+    """Report where a channel was not measured: it is frozen, or a straight line for long."""
     t = series.t
     texts = {
         (begin, end): f"the same value for {end - begin:.2f} s, then a jump; expected: a channel "

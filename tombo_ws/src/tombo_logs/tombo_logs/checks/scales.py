@@ -34,7 +34,7 @@ _ACROSS_OFFSET, _ALONG_OFFSET = 0.6, 0.5
 """m/s^2 across and along the thrust: markers may define a body that is turned by 3.5 deg."""
 _UNITS = {"gyro": "rad/s", "accel": "m/s^2"}
 _MAYBE = {"gyro": "", "accel": ": an offset, a scale, or a rigid body that was defined turned"}
-"""What an offset of the channel may be."""
+"""Channel → causes that its offset may have."""
 _ROTOR_SCALE = 1.18
 """Ratio of one rotor's command to the mean of the others: a centre of gravity off the middle, and
 the scatter of small motors, stay within."""
