@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: residuals against time and driver, and what is left over."""
+"""Figures of a diagnosis: residuals against time and driver, and the leftover."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def diagnose_stand(
 
 
 def of_other_runs(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with the causes that other runs have, too: those that are not random."""
+    """Return a diagnosis with the causes that other runs have, too: not the random causes."""
     lasting = tuple(c for c in diagnosis.causes if not STAND_EFFECTS[c.effect].stochastic)
     return replace(diagnosis, causes=lasting)
 

@@ -428,11 +428,10 @@ def _dropouts(channels: Mapping[str, Array]) -> NDArray[np.bool_]:
 
 
 def _check_plausible(table: StandTable, path: Path) -> None:
-    """Refuse values that can't be what they are said to be.
+    """Refuse speeds, loads, angles and standard deviations that can't be true.
 
     Raises:
-        InputError: a speed that no propeller has, a rotor that never turns, a load that falls with
-            speed, an angle above 90 degrees, or a standard deviation that is none.
+        InputError: one of them; names the column and what is accepted.
     """
     channels = table.channels
     most = SPEED_LIMIT if table.mapping.model == "tombo" else _MAX_SPEED_RAD_S
