@@ -6,11 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_samples import EXPERIMENT, sample
+from matplotlib.colors import to_hex
 from page_reader import PageReader, blank_html, loads_nothing
 
 from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import VERDICTS, Detectable, Diagnosis, Residual
+from tombo_diagnosis.report.figures import LOG_FAULT, draw_channel
 from tombo_diagnosis.report.page import check_items, diagnosis_page
+from tombo_diagnosis.report.residual_data import by_channel
 from tombo_flight.report.html import page_html
 
 
@@ -66,8 +69,10 @@ def test_every_verdict_has_its_words(verdict, words):
 def test_a_crash_is_shown_with_its_time_and_marked_in_the_pictures(html):
     page = PageReader(html)
     assert "25.00–28.50" in page.text
-    marked = [a for t, a in page.elements if t == "path" and "purple" in a.get("style", "")]
-    assert marked
+    shown = sample()
+    drawn = [draw_channel(shown, group) for group in by_channel(shown.residuals).values()]
+    patches = [patch for picture in drawn for patch in picture.axes[0].patches]
+    assert LOG_FAULT.lower() in {to_hex(patch.get_facecolor()) for patch in patches}
 
 
 @pytest.mark.parametrize(
