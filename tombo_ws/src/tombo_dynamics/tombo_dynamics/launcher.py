@@ -1,13 +1,15 @@
 """Ends a process when its parent ends; as a file, starts a node of a supervisor so.
 
-    python -I -S launcher.py SUPERVISOR_PID COMMAND [ARGUMENT ...]
+    python -I -S launcher.py SUPERVISOR_PID GUARD_FD COMMAND [ARGUMENT ...]
 
-Run as a file, in a session of its own: it asks the kernel for SIGINT at the supervisor's death,
-and turns into COMMAND. It imports the standard library alone, so a node starts at once.
+Run as a file, in a session of its own: it tells the guard its process group, asks the kernel for
+SIGINT at the supervisor's death, and turns into COMMAND. It imports the standard library alone, so
+a node starts at once.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import signal
@@ -28,8 +30,11 @@ def end_with_parent(parent: int, signal_number: int) -> bool:
 
 
 def main(arguments: list[str]) -> None:
-    """Arrange the end, and become the command."""
-    supervisor, command = int(arguments[0]), arguments[1:]
+    """Register, arrange, become."""
+    supervisor, guard, command = int(arguments[0]), int(arguments[1]), arguments[2:]
+    with contextlib.suppress(OSError):  # no guard any more: the kernel's arrangement is enough
+        os.write(guard, f"{os.getpid()}\n".encode())
+    os.set_inheritable(guard, False)
     if end_with_parent(supervisor, signal.SIGINT):
         os.execv(command[0], command)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -52,6 +54,17 @@ def test_a_node_that_fails_at_its_start_is_reported_with_its_words(supervise):
 
     assert (end.name, end.code, end.exit_text) == ("broken", 1, "exit code 1")
     assert end.last_log_lines[-1].startswith("Error: parameter detector.threshold")
+
+
+def test_a_node_that_dies_later_is_reported_with_its_traceback(supervise, tmp_path):
+    with supervise(fake("short"), fake("good")) as supervisor:
+        (end,) = look_until_ended(supervisor)
+        time.sleep(0.2)
+        assert supervisor.poll(0.0).ended == []
+        assert set(supervisor.running) == {"good"}
+
+    assert end.last_log_lines[-1] == "RuntimeError: a bug"
+    assert "RuntimeError: a bug" in (tmp_path / "short.log").read_text()
 
 
 @pytest.mark.real_time
@@ -107,6 +120,13 @@ def test_a_process_that_ignores_signals_is_killed_within_three_seconds(supervise
     assert marked.alive() == []
 
 
+def test_what_a_node_leaves_behind_ends_with_it(supervise, marked):
+    leaving = "import os, time\nif os.fork() == 0:\n    time.sleep(60)\n"
+    with supervise(code("node", leaving)) as supervisor:
+        look_until_ended(supervisor)
+        wait_for(lambda: not marked.alive())
+
+
 def test_an_exception_inside_ends_all_nodes(supervise, marked):
     with pytest.raises(ZeroDivisionError), supervise(fake("good")):
         raise ZeroDivisionError
@@ -149,17 +169,50 @@ with Supervisor(programs, Path({logs!r}), os.environ) as supervisor:
 """
 
 
-@pytest.mark.real_time
-def test_who_obeys_ends_well_when_the_supervisor_is_killed(marked: Marked, tmp_path):
-    """A recorder can close its file: it is asked, not killed."""
-    logs = tmp_path / "log"
-    process = marked.python(SUPERVISED.format(names=("good",), fakes=str(FAKES), logs=str(logs)))
-    wait_for(lambda: ready(logs / "good.log"))
+@pytest.fixture
+def supervised(marked: Marked, tmp_path):
+    """Start a supervisor in a process of its own, to be killed."""
+
+    def start(*names: str) -> subprocess.Popen[str]:
+        logs = tmp_path / "log"
+        process = marked.python(SUPERVISED.format(names=names, fakes=str(FAKES), logs=str(logs)))
+        wait_for(lambda: ready(logs / "good.log"))
+        return process
+
+    return start
+
+
+def killed(process: subprocess.Popen[str], marked: Marked, limit_s: float) -> None:
+    """Kill a supervisor: all that it has started ends in time."""
     process.kill()
     process.communicate()
     took = wait_for(lambda: not marked.alive())
     with in_time():
-        assert took < 1.5
+        assert took < limit_s
+
+
+@pytest.mark.real_time
+def test_nothing_outlives_a_supervisor_that_is_killed(marked: Marked, supervised):
+    process = supervised("good", "deaf")
+    wait_for(lambda: len(marked.alive()) >= 5)  # supervisor, guard, good, deaf and its child
+    time.sleep(0.3)
+    killed(process, marked, 3.0)
+
+
+@pytest.mark.real_time
+def test_who_obeys_ends_well_when_the_supervisor_is_killed(marked: Marked, supervised):
+    """A recorder can close its file: it is asked, not killed."""
+    killed(supervised("good"), marked, 1.5)
+
+
+@pytest.mark.real_time
+def test_a_guard_that_is_killed_changes_nothing_for_who_obeys(marked: Marked, supervised):
+    process = supervised("good")
+    (guard,) = (
+        p for p in marked.alive() if b"guard.py" in Path(f"/proc/{p}/cmdline").read_bytes()
+    )
+    os.kill(guard, signal.SIGKILL)
+    killed(process, marked, 1.5)
 
 
 def test_words_on_a_pipe_come_whole_line_by_line(supervise):

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tombo_dynamics import launcher
+from tombo_flight.suite import guard
 from tombo_flight.suite.node_log import NodeLog
 
 _LAST_S: Final = 1.0
@@ -101,7 +102,7 @@ class Supervisor:
     """Use as a context manager: leaving it, by error or not, ends all programs within 3 s.
 
     An exception while they are being stopped, as KeyboardInterrupt, kills them at once. Should the
-    supervisor itself be killed, the kernel interrupts them (see `launcher`).
+    supervisor itself be killed, the kernel and the guard end them (see `launcher`, `guard`).
     """
 
     def __init__(
@@ -118,6 +119,7 @@ class Supervisor:
         self._folder = folder
         self._environment = dict(environment)
         self._alive: dict[str, _Child] = {}
+        self._guard: subprocess.Popen[bytes] | None = None
         self._stop_requested = False
 
     @property
@@ -129,6 +131,14 @@ class Supervisor:
         """Start all programs."""
         self._folder.mkdir(parents=True, exist_ok=True)
         try:
+            self._guard = subprocess.Popen(
+                [sys.executable, "-I", "-S", guard.__file__],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+                cwd="/",
+            )
             for program in self._programs:
                 self._alive[program.name] = self._start(program)
         except BaseException:
@@ -192,18 +202,23 @@ class Supervisor:
         return [_process_exit(child, code) for child, code in ended]
 
     def _start(self, program: Program) -> _Child:
+        if self._guard is None or self._guard.stdin is None:
+            raise RuntimeError("a program needs a guard")
         log = NodeLog(self._folder / f"{program.name}.log")
         file = log.open()
         try:
+            fd = self._guard.stdin.fileno()
             process = subprocess.Popen(
                 [
-                    *(sys.executable, "-I", "-S", launcher.__file__, str(os.getpid())),
+                    *(sys.executable, "-I", "-S", launcher.__file__),
+                    *(str(os.getpid()), str(fd)),
                     *program.command,
                 ],
                 stdin=subprocess.PIPE if program.capture_stdout else subprocess.DEVNULL,
                 stdout=subprocess.PIPE if program.capture_stdout else file,
                 stderr=file,
                 start_new_session=True,
+                pass_fds=(fd,),
                 env=self._environment,
             )
         finally:
@@ -247,6 +262,7 @@ class Supervisor:
                 continue
             _signal_group(pid, signal.SIGKILL)  # before it is reaped: the number is still its own
             code = child.process.wait()
+            self._notify_guard(-pid)
             for pipe in (child.process.stdin, child.process.stdout):
                 if pipe is not None:
                     pipe.close()
@@ -259,11 +275,24 @@ class Supervisor:
             _signal_group(self._alive[name].process.pid, number)
 
     def _kill(self) -> None:
-        """End everything now."""
+        """End everything now, the guard last."""
         self._signal(signal.SIGKILL, self._alive)
         while self._alive:
             self._reap()
             time.sleep(0.001)
+        if self._guard is not None:
+            try:
+                self._guard.communicate()
+            except OSError:  # it has been killed: its pipe is broken
+                self._guard.wait()
+
+    def _notify_guard(self, group: int) -> None:
+        if self._guard is None or self._guard.stdin is None:
+            return
+        try:
+            os.write(self._guard.stdin.fileno(), f"{group}\n".encode())
+        except OSError:  # it has been killed; the kernel's arrangement remains
+            return
 
 
 def _process_exit(child: _Child, code: int) -> ProcessExit:
