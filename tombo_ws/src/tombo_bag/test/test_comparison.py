@@ -134,7 +134,9 @@ def test_first_difference_of_two_recordings(tmp_path, kind, a, b, first):
     result = compared(tmp_path, a, b, kind)  # of transforms, the bodies besides
     topic = result.topics[0]
     assert result.equal == (first is None)
-    assert topic.first == (first and (EPOCH_NS + first[0], first[1]))
+    assert (topic.first_difference_s, topic.first_difference) == (
+        (None, None) if first is None else (first[0] / 1e9, first[1])
+    )
     if first and first[1].startswith("message"):
         assert topic.fields == ()
     if kind == JOINTS:
@@ -156,7 +158,7 @@ def test_which_topics_are_compared(tmp_path):
     two = write(tmp_path / "b.mcap", both)
     first, second = compare_recordings(one, two).topics
     assert (first.topic, first.messages_a, first.messages_b, first.only_in_a) == ("/more", 3, 0, 3)
-    assert (second.topic, second.first) == ("/pose", None)
+    assert (second.topic, second.equal) == ("/pose", True)
     assert compare_recordings(one, two, ["/pose"]).equal
     assert not compare_recordings(one, two, ["/rosout"]).equal
     with pytest.raises(InputError, match=r"'/pos' \(did you mean '/pose'\?\)"):
@@ -170,8 +172,7 @@ def test_other_type_under_the_same_topic_is_a_difference(tmp_path):
     ]
     two = write(tmp_path / "b.mcap", {"/pose": ("geometry_msgs/msg/PointStamped", points)})
     (topic,) = compare_recordings(one, two).topics
-    assert topic.first is not None
-    assert topic.first[1] == f"type: {POSE} in A, geometry_msgs/msg/PointStamped in B"
+    assert topic.first_difference == f"type: {POSE} in A, geometry_msgs/msg/PointStamped in B"
 
 
 @pytest.mark.parametrize(
@@ -197,7 +198,7 @@ def test_topic_that_can_not_be_read_is_reported_and_the_others_are_compared(
             writer.add_message(channel, 5, word, 5)
         writer.finish()
     found = compare_recordings(path, path)
-    assert [(t.topic, t.first) for t in found.topics] == [("/word", None)]
+    assert [(t.topic, t.equal) for t in found.topics] == [("/word", True)]
     assert any("/measured is not compared" in line for line in found.damage)
     with pytest.raises(InputError, match=r"lab_(tools|msgs)/"):
         compare_recordings(path, path, ["/measured"])

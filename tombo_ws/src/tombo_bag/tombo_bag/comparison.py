@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,14 +40,14 @@ class FieldDifference:
     Attributes:
         field: its path in the message, as `pose.position.x`; an array of numbers is one field.
         messages: number of paired messages in which it differs.
-        first_ns: stamp of the first of them.
+        first_difference_s: flight time of the first of them.
         largest: largest absolute difference, in the unit of the field; None if there is none
             between finite numbers (texts, sequences of different length, NaN against a number).
     """
 
     field: str
     messages: int
-    first_ns: int
+    first_difference_s: float
     largest: float | None
 
 
@@ -61,7 +61,9 @@ class TopicComparison:
         messages_b: the same in B.
         only_in_a: number of messages without a partner in B.
         only_in_b: number of messages without a partner in A.
-        first: stamp [ns] of the first difference, and what differs there; None: nothing differs.
+        equal: nothing differs.
+        first_difference_s: flight time of the first difference.
+        first_difference: what differs there.
         fields: fields that differ, in the order of the message.
     """
 
@@ -70,8 +72,10 @@ class TopicComparison:
     messages_b: int
     only_in_a: int
     only_in_b: int
-    first: tuple[int, str] | None
-    fields: tuple[FieldDifference, ...] = ()
+    equal: bool
+    first_difference_s: float | None
+    first_difference: str | None
+    fields: tuple[FieldDifference, ...]
 
 
 @dataclass(frozen=True)
@@ -80,51 +84,26 @@ class Comparison:
 
     Attributes:
         topics: the topics that were compared, sorted by name.
-        epoch_ns: stamp of flight time 0; without a flight's metadata, the earliest log time.
         damage: unreadable parts of either file, a line each.
     """
 
     topics: tuple[TopicComparison, ...]
-    epoch_ns: int
     damage: tuple[str, ...]
 
     @property
     def equal(self) -> bool:
         """Whether all compared topics are equal."""
-        return all(topic.first is None for topic in self.topics)
-
-    def seconds(self, stamp_ns: int) -> float:
-        """Return a stamp [ns] as flight time [s]."""
-        return (stamp_ns - self.epoch_ns) / 1e9
+        return all(topic.equal for topic in self.topics)
 
     def as_list(self) -> list[dict[str, Any]]:
         """Return a mapping for each topic, as `compare.json` has it."""
-        return [self._as_mapping(topic) for topic in self.topics]
-
-    def _as_mapping(self, topic: TopicComparison) -> dict[str, Any]:
-        return {
-            "topic": topic.topic,
-            "messages_a": topic.messages_a,
-            "messages_b": topic.messages_b,
-            "only_in_a": topic.only_in_a,
-            "only_in_b": topic.only_in_b,
-            "equal": topic.first is None,
-            "first_difference_s": topic.first and self.seconds(topic.first[0]),
-            "first_difference": topic.first and topic.first[1],
-            "fields": [
-                {
-                    "field": field.field,
-                    "messages": field.messages,
-                    "first_difference_s": self.seconds(field.first_ns),
-                    "largest": field.largest,
-                }
-                for field in topic.fields
-            ],
-        }
+        return [asdict(topic) for topic in self.topics]
 
 
 def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ()) -> Comparison:
     """Compare two recordings.
+
+    Flight time begins at the epoch of a flight's metadata, else at the earliest log time.
 
     Args:
         a: a file, a bag's folder, or a folder of results with `flight.mcap`.
@@ -143,10 +122,11 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
         for recording in (first, second):
             with suppress(InputError):  # of one topic: the others are loaded one by one
                 recording.load(chosen)
+        epoch_ns = _epoch(first, second, chosen)
         compared, unread = list[TopicComparison](), list[str]()
         for name in chosen:
             try:
-                compared.append(_compare(first, second, name))
+                compared.append(_compare(first, second, name, epoch_ns))
             except InputError as error:
                 if topics:
                     raise
@@ -156,7 +136,7 @@ def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ())
             *(f"{b}: {line}" for line in second.damage),
             *unread,
         )
-        return Comparison(tuple(compared), _epoch(first, second, chosen), damage)
+        return Comparison(tuple(compared), damage)
 
 
 def _bag(path: str | Path) -> Path:
@@ -173,21 +153,22 @@ def _epoch(first: Recording, second: Recording, topics: Sequence[str]) -> int:
     return min((stream.first_ns for stream in streams if stream.count), default=0)
 
 
-def _compare(first: Recording, second: Recording, topic: str) -> TopicComparison:
+def _compare(first: Recording, second: Recording, topic: str, epoch_ns: int) -> TopicComparison:
     types = [_type(recording, topic) for recording in (first, second)]
     tables = [r.columns(topic) if topic in r.topics else _EMPTY for r in (first, second)]
     stamps = [_stamps(table) for table in tables]
+    times_s = [(stamp - epoch_ns) / 1e9 for stamp in stamps]
     (rows_a, rows_b), left = _pair(tables, stamps)
-    firsts = []
+    firsts: list[tuple[float, str]] = []
     fields: list[FieldDifference] = []
     if None not in types and types[0] != types[1]:
-        earliest = int(np.concatenate(stamps).min())
-        firsts = [(earliest, f"type: {types[0]} in A, {types[1]} in B")]
+        earliest_s = float(np.concatenate(times_s).min())
+        firsts.append((earliest_s, f"type: {types[0]} in A, {types[1]} in B"))
         rows_a = rows_b = rows_a[:0]
-    at = stamps[0][rows_a]
-    for path in dict.fromkeys(
-        name for table in tables for name in table if name not in _NO_FIELDS
-    ):
+    at_s = times_s[0][rows_a]
+    for path in dict.fromkeys(name for table in tables for name in table):
+        if path in _NO_FIELDS:
+            continue
         whole = [
             table[path] if path in table else _absent(other[path], len(table["log_time_ns"]))
             for table, other in (tables, tables[::-1])
@@ -195,19 +176,15 @@ def _compare(first: Recording, second: Recording, topic: str) -> TopicComparison
         values = whole[0][rows_a], whole[1][rows_b]
         differs = _differs(*values)
         if differs.any():
-            earliest, largest = int(at[differs].min()), _largest(values, differs)
-            fields.append(FieldDifference(path, int(differs.sum()), earliest, largest))
-    firsts += [(field.first_ns, field.field) for field in fields]
-    for name, stamp, rows in zip("AB", stamps, left, strict=True):
+            earliest_s, largest = float(at_s[differs].min()), _largest(values, differs)
+            fields.append(FieldDifference(path, int(differs.sum()), earliest_s, largest))
+    firsts += [(field.first_difference_s, field.field) for field in fields]
+    for name, time_s, rows in zip("AB", times_s, left, strict=True):
         if len(rows):
-            firsts.append((int(stamp[rows].min()), f"message in {name} only"))
-    return TopicComparison(
-        topic,
-        *(len(stamps[0]), len(stamps[1])),
-        *(len(left[0]), len(left[1])),
-        min(firsts, key=lambda item: item[0], default=None),
-        tuple(fields),
-    )
+            firsts.append((float(time_s[rows].min()), f"message in {name} only"))
+    counts = (len(stamps[0]), len(stamps[1]), len(left[0]), len(left[1]))
+    first_s, what = min(firsts, key=lambda item: item[0], default=(None, None))
+    return TopicComparison(topic, *counts, not firsts, first_s, what, tuple(fields))
 
 
 _EMPTY: ColumnTable = {name: np.zeros(0, np.int64) for name in ("log_time_ns", "publish_time_ns")}

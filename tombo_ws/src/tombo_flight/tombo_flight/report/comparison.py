@@ -17,7 +17,7 @@ def comparison_page(
         name_b: of the second one.
         fields: a row for each field that differs, too, not for each topic alone.
     """
-    differing = sum(topic.first is not None for topic in comparison.topics)
+    differing = sum(not topic.equal for topic in comparison.topics)
     total = len(comparison.topics)
     remarks = ["Each field that differs: --topic NAME, or --json."] * (differing and not fields)
     items: list[Item] = [_topics(comparison)]
@@ -39,12 +39,11 @@ def comparison_page(
 def _topics(comparison: Comparison) -> Table:
     rows = []
     for topic in comparison.topics:
-        stamp_ns, difference = topic.first or (None, "")
         rows.append((
             *(topic.topic, str(topic.messages_a), str(topic.messages_b)),
-            Cell("equal", "good") if topic.first is None else Cell("differs", "bad"),
-            "" if stamp_ns is None else _time(comparison, stamp_ns),
-            difference,
+            Cell("equal", "good") if topic.equal else Cell("differs", "bad"),
+            "" if topic.first_difference_s is None else _time(topic.first_difference_s),
+            topic.first_difference or "",
         ))  # fmt: skip
     return Table(("topic", "in A", "in B", "", "first [s]", "first difference"), rows)
 
@@ -56,10 +55,10 @@ def _fields(comparison: Comparison) -> Table:
             rows.append(TableRow([topic.topic], "group"))
         for field in topic.fields:
             largest = "–" if field.largest is None else f"{field.largest:.6g}"
-            first_s = _time(comparison, field.first_ns)
+            first_s = _time(field.first_difference_s)
             rows.append(TableRow([field.field, str(field.messages), first_s, largest]))
     return Table(("field", "messages", "first [s]", "largest difference"), rows)
 
 
-def _time(comparison: Comparison, stamp_ns: int) -> str:
-    return f"{comparison.seconds(stamp_ns):.6f}".rstrip("0").rstrip(".")
+def _time(time_s: float) -> str:
+    return f"{time_s:.6f}".rstrip("0").rstrip(".")
