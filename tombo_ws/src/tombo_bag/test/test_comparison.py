@@ -58,6 +58,7 @@ def test_changed_field_is_named_with_time_and_size(tmp_path):
     assert topic == {
         "topic": "/pose", "messages_a": 20, "messages_b": 20, "only_in_a": 0, "only_in_b": 0,
         "equal": False, "first_difference_s": 0.07, "first_difference": "pose.position.x",
+        "largest": 2.0,
     }  # fmt: skip
     first = {"messages": 2, "first_difference_s": 0.07, "largest": 2.0}
     assert field == {"field": "pose.position.x", **first}

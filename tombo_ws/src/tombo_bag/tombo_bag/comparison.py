@@ -64,6 +64,7 @@ class TopicComparison:
         equal: nothing differs.
         first_difference_s: flight time of the first difference.
         first_difference: what differs there.
+        largest: largest of the differences of all fields, each in its unit.
         fields: fields that differ, in the order of the message.
     """
 
@@ -75,6 +76,7 @@ class TopicComparison:
     equal: bool
     first_difference_s: float | None
     first_difference: str | None
+    largest: float | None
     fields: tuple[FieldDifference, ...]
 
 
@@ -176,15 +178,16 @@ def _compare(first: Recording, second: Recording, topic: str, epoch_ns: int) -> 
         values = whole[0][rows_a], whole[1][rows_b]
         differs = _differs(*values)
         if differs.any():
-            earliest_s, largest = float(at_s[differs].min()), _largest(values, differs)
-            fields.append(FieldDifference(path, int(differs.sum()), earliest_s, largest))
+            earliest_s, count = float(at_s[differs].min()), int(differs.sum())
+            fields.append(FieldDifference(path, count, earliest_s, _largest(values, differs)))
     firsts += [(field.first_difference_s, field.field) for field in fields]
     for name, time_s, rows in zip("AB", times_s, left, strict=True):
         if len(rows):
             firsts.append((float(time_s[rows].min()), f"message in {name} only"))
     counts = (len(stamps[0]), len(stamps[1]), len(left[0]), len(left[1]))
     first_s, what = min(firsts, key=lambda item: item[0], default=(None, None))
-    return TopicComparison(topic, *counts, not firsts, first_s, what, tuple(fields))
+    largest = max((f.largest for f in fields if f.largest is not None), default=None)
+    return TopicComparison(topic, *counts, not firsts, first_s, what, largest, tuple(fields))
 
 
 _EMPTY: ColumnTable = {name: np.zeros(0, np.int64) for name in ("log_time_ns", "publish_time_ns")}
