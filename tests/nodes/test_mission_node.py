@@ -5,9 +5,12 @@ import time
 
 import numpy as np
 import pytest
+from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from parameter_calls import call_trigger
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
 from reports import heard, told
 
 from ros_bench import point, vector
@@ -21,6 +24,7 @@ from tombo_bag.topics import (
     REACTION_STATUS,
     SETPOINT,
 )
+from tombo_msgs.action import FlyCourse
 from tombo_msgs.msg import MissionStatus
 from tombo_ros.conversion import array, to_ns, to_time
 
@@ -95,24 +99,81 @@ def _goal(x, y, z=0.0):
     return goal
 
 
-def test_flies_to_goals_that_are_commanded(world, start):
-    more = [
-        "mission.approach_time:=500.0",
-        "mission.land_time:=600.0",
-        "mission.approach_speed:=1.0",
-    ]
+class Course:
+    """The action `fly_course` as a client sees it, while a flight goes on."""
+
+    def __init__(self, flight, *goals, speed=1.0):
+        self.flight, self.told = flight, []
+        world = flight.world
+        self.executor = SingleThreadedExecutor(context=world.node.context)
+        self.executor.add_node(world.node)
+        self.client = ActionClient(world.node, FlyCourse, "fly_course")
+        goal = FlyCourse.Goal(waypoints=[_goal(*at) for at in goals], speed=speed)
+        self.until(self.client.server_is_ready)
+        sent = self.client.send_goal_async(goal, lambda said: self.told.append(said.feedback))
+        self.until(sent.done)
+        self.handle = sent.result()
+        assert self.handle.accepted
+        self.result = self.handle.get_result_async()
+
+    def until(self, done, patience_s=30.0):
+        end = time.monotonic() + patience_s
+        while not done():
+            assert time.monotonic() < end
+            self.flight.step()
+            time.sleep(0.01)  # feedback comes by the wall's clock
+            self.executor.spin_once(timeout_sec=0.0)
+
+    def end(self):
+        self.until(self.result.done)
+        self.executor.remove_node(self.flight.world.node)
+        self.client.destroy()
+        return self.result.result()
+
+
+def test_flies_courses_and_goals_that_are_commanded(world, start):
+    more = ["mission.approach_time:=500.0", "mission.land_time:=600.0"]
     flight = Flight(world, start, more=more)
+    ground = Course(flight, (0.5, 0.0))
+    refused = ground.end()
+    assert refused.status == GoalStatus.STATUS_ABORTED
+    assert "accepted: hover, approach, hold" in refused.result.message
     flight.until(MissionStatus.HOVER)
+
+    course = Course(flight, (0.5, 0.0), (0.5, 0.6, 1.1))
+    flown = course.end()
+    assert flown.status == GoalStatus.STATUS_SUCCEEDED
+    assert flown.result.completed
+    assert flight.place == pytest.approx([0.5, 0.6, 1.1], abs=0.01)
+    assert {said.leg for said in course.told} <= {1, 2}
+    assert course.told[0].legs == 2
+    assert course.told[0].distance > course.told[-1].distance
+    assert course.told[0].time_left > course.told[-1].time_left
+
+    course = Course(flight, (5.0, 0.6))
+    course.until(lambda: flight.place[0] > 1.0)
+    cancelled = course.handle.cancel_goal_async()
+    course.until(cancelled.done)
+    assert course.end().status == GoalStatus.STATUS_CANCELED
+    there = flight.place.copy()
+    for _ in range(20):
+        flight.step()
+    assert flight.place == pytest.approx(there, abs=0.05)
+
+    course = Course(flight, (-5.0, 0.6))
     world.meet(GOAL_POSE)
-    for looks in itertools.count():
-        if looks % 25 == 0:  # one may be lost until the node has found this publisher, too
-            world.publish(GOAL_POSE, _goal(0.5, 0.6))  # as RViz says it: without a height
-        if flight.step().phase == MissionStatus.APPROACH:
-            break
-        assert looks < 500, "the goal is not flown to"
+    looks = itertools.count()
+
+    def aborted():
+        if next(looks) % 25 == 0:  # one may be lost until the node has found this publisher, too
+            world.publish(GOAL_POSE, _goal(0.0, 0.0))  # as RViz says it: without a height
+        return course.result.done()
+
+    course.until(aborted)
+    assert course.end().status == GoalStatus.STATUS_ABORTED
     for _ in range(200):
         flight.step()
-    assert flight.place == pytest.approx([0.5, 0.6, PLAN["height"]], abs=0.01)
+    assert flight.place == pytest.approx([0.0, 0.0, 1.1], abs=0.01)
     nowhere = _goal(0.0, 0.0)
     nowhere.header.frame_id = "odom"
     begun = len(world.heard[DIAGNOSTICS.name])

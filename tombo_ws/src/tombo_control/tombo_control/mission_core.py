@@ -12,7 +12,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tombo_control.planning.goal import fly_to, plan_with
+from tombo_control.planning.commanded_course import (
+    CourseProgress,
+    begin_course,
+    course_here,
+    course_of,
+    plan_with,
+    progress,
+)
 from tombo_control.planning.leg import leg_position, leg_reference, motion_end, stored_leg
 from tombo_control.planning.mission import (
     MissionParams,
@@ -461,7 +468,9 @@ class MissionCore(Core):
         self.vehicle_status: Any = None
         """The newest `/px4/status`; None: no flight controller tells."""
         self._course: tuple[Array, float] | None = None
-        """The waypoint of a commanded goal, and the flight time [s] at which it came."""
+        """Waypoints of a commanded course, and the flight time [s] at which it began."""
+        self.courses = 0
+        """How many were commanded."""
         self.limits = parameter_record(limits)
         self.memory = MissionMemory.new()
         self.memory.published_mode = -1
@@ -476,7 +485,7 @@ class MissionCore(Core):
             self.see_other(self.inputs.index(topic) - len(type(self).inputs), message.position)
         elif isinstance(message, Pose):
             try:
-                self.fly_to_goal(message)
+                self.fly_course("goal_pose", [message])
             except InputError as error:
                 self.health.refuse("goal_refused", str(error))
         elif self.take(topic, message, now_ns) is False:
@@ -498,19 +507,47 @@ class MissionCore(Core):
         if np.isfinite(position).all():
             self.memory.others[number] = position
 
-    def fly_to_goal(self, goal: Pose) -> None:
-        """Fly to a place and heading in map instead of the rest of the plan, and hold there.
+    def fly_course(
+        self, name: str, poses: Sequence[Pose], speed: float = 0.0, hold: float = 0.0
+    ) -> None:
+        """Fly to places instead of the rest of the plan, and hold at the last.
 
-        It ends with another goal, a reaction, or the landing.
+        It ends with another command, a reaction, or the landing.
+
+        Args:
+            name: of the command in an error.
+            poses: places and headings, see `course_of`.
+            speed: on the way [m/s]; 0: the plan's.
+            hold: at each place but the last [s].
 
         Raises:
             InputError: not in this phase, or a place that can't be flown to.
         """
-        now_s, speed = self.time_s, self._params.approach_speed
-        begin_state, course = fly_to(goal, mission_state(self.memory), now_s, speed)
-        self._course = course, now_s
+        state, now_s = mission_state(self.memory), self.time_s
+        first = begin_course(state, now_s)
+        speed = speed or self._params.approach_speed
+        self._begin(first, course_of(name, poses, state, now_s, speed, hold))
+
+    def hold_course(self) -> None:
+        """End a commanded course where its reference is, and hold there."""
+        if self._course is not None:
+            state, now_s = mission_state(self.memory), self.time_s
+            position = course_here(state, now_s, self._params.approach_speed)
+            self._begin(begin_course(state, now_s), position)
+
+    def _begin(self, state: MissionState, course: Array) -> None:
+        self._course = course, self.time_s
+        self.courses += 1
         self.plan = plan_with(self._params, *self._course)
-        store_state(self.memory, begin_state)
+        store_state(self.memory, state)
+
+    @property
+    def course_progress(self) -> CourseProgress | None:
+        """How far a commanded course is; None without one."""
+        if self._course is None:
+            return None
+        memory = self.memory
+        return progress(mission_state(memory), self._course[0], self.time_s, memory.position)
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on with the plan; return its set point, and its status when that has changed."""

@@ -1,4 +1,4 @@
-"""Goals commanded in flight: flown, refused, ended."""
+"""Goals and courses commanded in flight: flown, refused, watched, ended."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 from mission_bench import World
 
 from core_calls import reported
+from tombo_control.planning.commanded_course import CourseProgress
 from tombo_control.planning.mission import MissionParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase, Pose, ReactionPhase
@@ -74,20 +75,50 @@ def test_goals_are_taken_in_the_air_only_and_not_in_a_reaction():
         if phase != Phase.IDLE:
             world.until(phase)
         with pytest.raises(InputError, match="accepted: hover, approach, hold"):
-            world.course.fly_to_goal(pose(1.0))
+            world.course.fly_course("waypoints", [pose(1.0)])
+        assert world.course.course_progress is None
 
 
-def test_a_newer_goal_and_a_reaction_end_the_way_to_a_goal(hovering):
-    world = hovering
-    world.course.on("/goal_pose", pose(4.0, 0.0, 2.0), world.now)
-    world.run(1.0)
-    world.course.on("/goal_pose", pose(0.0, 4.0, 2.0), world.now)
-    since = len(world.setpoints) - 1
+def test_a_course_tells_leg_distance_and_time_and_keeps_to_them(hovering):
+    world, course = hovering, hovering.course
+    x, y, z = world.setpoints[-1].position
+    course.fly_course(
+        "waypoints", [pose(x + 1.0, y, z), pose(x + 1.0, y + 2.0, z)], speed=0.5, hold=1.0
+    )
+    world.run(0.02)
+    begin: CourseProgress = course.course_progress
+    assert (begin.leg, begin.legs, begin.arrived) == (1, 2, False)
+    assert begin.distance == pytest.approx(3.0, abs=0.01)
+    ramp = 0.5 / 0.8
+    assert begin.time_left == pytest.approx(1.0 / 0.5 + 2.0 / 0.5 + 2 * ramp + 1.0, abs=0.05)
+    began, progress = world.now, []
+    world.run(30.0, lambda w: progress.append(course.course_progress) or progress[-1].arrived)
+    assert (world.now - began) * 1e-9 == pytest.approx(begin.time_left, abs=0.5)
+    assert [f.leg for f in progress] == sorted(f.leg for f in progress)
+    assert np.diff([f.distance for f in progress]).max() < 1e-9
+    assert np.diff([f.time_left for f in progress]) == pytest.approx(-0.02, abs=0.011)
+    assert progress[-1].distance == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_course_that_is_ended_holds_there(hovering):
+    world, course = hovering, hovering.course
+    course.fly_course("waypoints", [pose(4.0, 0.0, 2.0)])
     world.run(2.0)
+    there, since = world.setpoints[-1].position, len(world.setpoints) - 1
+    course.hold_course()
+    world.run(5.0)
+    assert world.setpoints[-1].position == pytest.approx(there, abs=0.02)
     assert world.largest_step(since) < 0.02
-    assert world.place[1] > 0.5 > world.place[0]
+    assert world.course.mode == Phase.APPROACH
+
+
+def test_a_reaction_ends_a_course_and_what_follows_is_the_plan_s(hovering):
+    world = hovering
+    world.course.fly_course("waypoints", [pose(4.0, 0.0, 2.0), pose(4.0, 3.0, 2.0)])
+    world.run(1.0)
     world.reaction(ReactionPhase.REACTING, (0.5, 0.1, 2.0), 1)
     world.run(0.1)
     assert world.course.mode == Phase.REACT
+    assert world.course.course_progress is None
     world.until(Phase.LANDED)
     assert world.place[:2] == pytest.approx([0.5, 0.1], abs=0.05)
