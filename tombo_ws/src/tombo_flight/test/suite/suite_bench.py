@@ -26,7 +26,7 @@ nodes.SUITE.clear()
 nodes.SUITE.update({suite!r})
 nodes.MONITOR_MODULE = {monitor!r}
 from tombo_bringup.cli.flight import suite_screen
-suite_screen._LINE_S = 1.5
+suite_screen._PRINTED_S = 1.5
 from tombo_bringup.cli.main import run
 run(sys.argv[1:])
 """
