@@ -181,7 +181,8 @@ class FlightMotion:
         shows = weak.time_s > _SHOWS_S and weak.coherence(product) > _SHOWS_COHERENT
         if self.confirmed or shows:
             level = turn * (complex(vx, -vy) if mirrored else complex(vx, vy))
-            shown[:] = level.real, level.imag, vz
+            shown[:2] = level.real, level.imag
+            shown[2] = vz if self._by_poses is None else shown[2]
         return shown
 
     def _seen_velocity(self) -> Array | None:
