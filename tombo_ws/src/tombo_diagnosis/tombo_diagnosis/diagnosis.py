@@ -231,8 +231,6 @@ class Diagnosis:
     """Gains of the controller that flew, and what swings; None: the logs don't say."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """effect.parameter → standard deviation within which the model's value may be off."""
-    passes: tuple[str, ...] = ()
-    """Further analyses that changed the answer: completes *analysed again ...*."""
 
 
 def diagnosis_mapping(diagnosis: Diagnosis) -> dict[str, Any]:

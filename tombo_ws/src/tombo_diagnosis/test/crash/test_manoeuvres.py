@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tombo_bag.flight import Flight, Series
-from tombo_diagnosis.control import signals
 from tombo_diagnosis.control.controller import controller_report
 from tombo_diagnosis.crash.reason import why
 from tombo_dynamics.vehicle import GRAVITY
@@ -89,12 +88,6 @@ def test_a_heading_that_is_asked_for_is_no_oscillation(asked):
 @pytest.mark.parametrize("asked", [(), (POSITION, VELOCITY), (POSITION, STILL)])
 def test_a_swing_that_nobody_asks_for_is_an_oscillation(asked):
     assert oscillates(sound_flight(0.95, 0.5, *asked, shaking=4.0))
-
-
-@pytest.mark.parametrize("rows", [signals._LONGEST, 400], ids=["usual", "a slower clock"])
-def test_a_long_flight_has_its_course_too(rows, monkeypatch):
-    monkeypatch.setattr(signals, "_LONGEST", rows)
-    assert not oscillates(sound_flight(0.95, 3.0, POSITION, across=1.0))
 
 
 def test_a_flight_too_short_for_set_points_has_its_course_too():

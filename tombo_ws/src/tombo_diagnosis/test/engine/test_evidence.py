@@ -38,16 +38,6 @@ def test_two_unknowns_are_integrated(seed, one, two):
     assert mixed == pytest.approx(solution.covariance[0, 1], abs=1e-4)
 
 
-@given(SEEDS, SIZES)
-def test_freedom_that_explains_nothing_costs(seed, wide):
-    """Its best fit is zero, so that all that it brings is choice."""
-    design, left = data(seed, 1)
-    across = design - np.outer(left, left @ design) / (left @ left)
-    with_it = solve(equations(across, left), np.array([wide])).evidence
-    narrow = solve(equations(across, left), np.array([0.01 * wide])).evidence
-    assert with_it < narrow <= -0.5 * (left @ left)
-
-
 @given(SEEDS)
 def test_equations_moved_to_another_point_say_the_same(seed):
     """About d the prior's centre is at -d and the residuals are what is left there."""

@@ -124,11 +124,8 @@ def test_no_flight_that_can_be_used_says_why():
     blind = log.with_series({k: v for k, v in log.series.items() if k != "attitude"})
     with pytest.raises(InputError, match=r"flight 1.*attitude.*accepted"):
         diagnose([blind], nominal())
-    spoiled = replace(log, exclude=((-1.0, 1e3),))
     with pytest.raises(InputError, match="accepted: at least 2 s"):
-        diagnose([spoiled], nominal())
-    with pytest.raises(InputError, match="accepted: one or more"):
-        diagnose([], nominal())
+        diagnose([replace(log, exclude=((-1.0, 1e3),))], nominal())
 
 
 def test_a_flight_that_can_not_be_used_is_left_out_and_reported():

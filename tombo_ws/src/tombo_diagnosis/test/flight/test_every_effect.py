@@ -94,10 +94,5 @@ def test_a_hidden_effect_is_found_with_its_size(effect):
     assert deviation < change
 
 
-def test_all_effects_but_those_of_touch_and_company_are_seen():
-    unseen = {e for e in REGISTRY if not is_seen(e, (p := shown_best(e)).name, hidden_value(p))}
-    assert unseen == {e for e in unseen if REGISTRY[e].contact or REGISTRY[e].company}
-
-
 def test_healthy_flights_have_no_cause():
     assert search(healthy_problem()).best.effects == ()

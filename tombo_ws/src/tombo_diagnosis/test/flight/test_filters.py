@@ -39,13 +39,6 @@ def test_curvature_of_the_position_is_the_filtered_acceleration(width, frequency
     assert kernel.slope @ x == pytest.approx(kernel.smooth @ speed, abs=5e-3 * w)
 
 
-def test_rows_lie_as_far_apart_as_asked_and_inside():
-    kernel = gaussian(T, 0.05, 0.06)
-    assert np.diff(kernel.t) == pytest.approx(np.full(kernel.t.size - 1, 0.06))
-    assert kernel.t[0] - kernel.reach >= T[0] - 1e-9
-    assert kernel.t[-1] + kernel.reach <= T[-1] + 1e-9
-
-
 @given(st.integers(0, T.size - 1), st.integers(1, 50), KERNEL_WIDTHS)
 def test_clear_rows_are_those_that_nothing_spoiled_reaches(first, count, width):
     kernel = gaussian(T, width, 0.02)
@@ -94,11 +87,3 @@ def test_means_of_what_is_held_keep_the_integral(steps, seed):
     means = held_means(ticks, t, values)
     assert means.sum(axis=0) * TICK == pytest.approx(np.diff(bounds) @ values, abs=1e-9)
     assert means.min() >= values.min() - 1e-9 and means.max() <= values.max() + 1e-9
-
-
-def test_a_slow_series_is_interpolated():
-    slow = np.arange(0.0, 2.0, 0.1)
-    ticks = np.arange(0.2, 1.5, TICK)
-    values = np.column_stack([slow, 3.0 - slow])
-    lines = np.column_stack([ticks, 3.0 - ticks])
-    assert resample(Series(slow, values), ticks) == pytest.approx(lines)

@@ -27,12 +27,6 @@ def test_parts_of_a_flight_are_not_counted_as_flights(logs, counted):
     assert note.startswith(counted)
 
 
-def test_rotors_that_differ_within_one_flight_are_not_called_other_vehicles():
-    assert "part to part" in notes_of([LOG] * 3, vehicles=3)[-1]
-    assert "vehicles" not in notes_of([LOG] * 3, vehicles=3)[-1]
-    assert "flight to flight" in notes_of([LOG, OTHER, SimpleNamespace()], vehicles=3)[-1]
-
-
 def test_a_larger_gain_that_may_be_none_is_not_the_one_told():
     force = Gain("force z", "m/s^2", "one step", 0.155, 0.042, 0.73, 0.72, 0.73, 3)
     voltage = Gain("voltage", "V", "one step", 1e-4, 4e-7, 0.996, -99.7, 1.0, 3)

@@ -78,21 +78,6 @@ def test_no_propeller_is_weaker_than_nothing():
     assert loss > -problem.unknowns.parameters[place].tolerance
 
 
-def test_draws_that_act_on_a_fitted_load_only_have_no_column():
-    """Without commands the rotors' draws do nothing, until a load takes a share of the thrust."""
-    poses_and_imu = ("position", "attitude", "gyro", "accel")
-    flown = [
-        track_of(log.with_series({name: log.series[name] for name in poses_and_imu}))
-        for log in logs(courses=SLOW)
-    ]
-    problem = FlightProblem(flown, nominal())
-    assert not problem.drawn
-    loaded = problem.null_hypothesis.theta.copy()
-    loaded[PLACE["hanging_load.mass"]] = 0.01
-    about = problem.relinearized(replace(problem.null_hypothesis, theta=loaded))
-    assert np.isfinite(about.evidence)
-
-
 def test_parts_of_a_flight_are_no_further_flights():
     """A vehicle that its own flights were fitted to: two parts of one allow what one allows."""
     one, other = tracks(courses=SLOW)[0], tracks(courses=HIGH)[0]

@@ -111,14 +111,6 @@ def test_measured_speeds_show_the_speed_in_hover():
     assert speed_in_hover(logs(count=2)) == pytest.approx(hover, rel=0.05)
 
 
-def test_a_small_vehicle_gets_small_tolerances():
-    """A load of a Crazyflie clearly matters from a tenth of its mass on, as of the S500."""
-    small = nominal_model(vehicle="crazyflie_2_1")
-    (load,) = (p for p in small.parameters if p.label == "hanging_load.mass")
-    assert load.scale < 0.2 * small.vehicle.mass
-    assert load.tolerance < 0.02 * small.vehicle.mass
-
-
 def test_poses_alone_are_accepted_with_an_own_vehicle():
     """As with the suite's own: thrust from the track."""
     (log,) = logs(count=1, sensors="poses")

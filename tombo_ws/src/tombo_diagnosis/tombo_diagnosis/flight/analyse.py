@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
 from scipy.special import expit
 
 from tombo_bag.flight import Finding
-from tombo_diagnosis.engine.model import Analysis, Explanation, Remainder, SearchResult
-from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses
+from tombo_diagnosis.engine.model import Analysis, Remainder, SearchResult
+from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.engine.verdict import analyse_problem, p_cause
 from tombo_diagnosis.flight.fit.prediction import channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import Track
-from tombo_diagnosis.flight.fit.transients import exclude_spans, find_transients, lost_memories
+from tombo_diagnosis.flight.fit.transients import exclude_spans, find_transients
 from tombo_diagnosis.flight.leftover import has_line
 from tombo_diagnosis.flight.noise import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
@@ -87,9 +87,7 @@ class FlightRemainder(Remainder):
     unexplained_groups: tuple[str, ...] = ()
     """Groups of channels with more than noise, the largest excess first."""
     excluded: tuple[Finding, ...] = ()
-    """Short disturbances, and where an effect's memory is lost: they were excluded."""
-    passes: tuple[str, ...] = ()
-    """Names of the passes that changed the findings."""
+    """Short disturbances, which were excluded."""
 
 
 FlightAnalysis = Analysis[FlightProblem, FlightRemainder]
@@ -98,73 +96,23 @@ FlightAnalysis = Analysis[FlightProblem, FlightRemainder]
 def analyse(
     tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback = no_progress
 ) -> FlightAnalysis:
-    """Diagnose flights as recorded, then by each of `PASSES` in turn."""
+    """Diagnose flights as recorded; if doubt is left, without moments that no effect describes."""
     progress("predicting", 0.0)
     findings = analyse_problem(FlightProblem(tracks, nominal), check_residual, progress)
-    for name, analyse_again in PASSES.items():
-        progress(f"again {name}", 0.6)
-        again = analyse_again(findings)
-        if again is not None:
-            findings = with_history(again, findings.remainder, name)
-    return findings
-
-
-def with_history(
-    findings: FlightAnalysis, before: FlightRemainder, *passes: str
-) -> FlightAnalysis:
-    """Return findings with all excluded spans, and the names of the passes."""
-    excluded = tuple(dict.fromkeys((*before.excluded, *findings.remainder.excluded)))
-    remainder = replace(findings.remainder, excluded=excluded, passes=(*before.passes, *passes))
-    return replace(findings, remainder=remainder)
-
-
-def without_lost_memories(findings: FlightAnalysis) -> FlightAnalysis | None:
-    """Analyse what can be followed, where an effect with a memory is at work.
-
-    Findings that are explained without the effect need no second look.
-    """
-    judgement, problem = findings.judgement, findings.problem
-    effects = {effect for linear in problem.linears for effect in linear.lost}
-    if judgement.verdict not in UNCERTAIN_VERDICTS:
-        effects &= {*judgement.effects, *judgement.members}
-    lost = lost_memories(problem, effects)
-    left = exclude_spans(problem.tracks, lost) if lost else []
-    if not left:
-        return None
-    followed = FlightProblem(left, problem.nominal)
-    null = Explanation((), followed.null_hypothesis, 0.0)
-    ranked = rank_hypotheses(followed, null)
-    if not any(h.effect in effects for gain, h in ranked if gain > 0.0):
-        return None
-    again = analyse_problem(followed, check_residual, no_progress)
-    if not effects & {*again.judgement.effects, *again.judgement.members}:
-        return None
-    return _excluding(again, lost)
-
-
-def without_transients(findings: FlightAnalysis) -> FlightAnalysis | None:
-    """Analyse doubtful findings without the moments that no effect describes."""
-    problem = findings.problem
     if findings.judgement.verdict not in UNCERTAIN_VERDICTS:
-        return None
-    events = find_transients(problem, findings.search.best.fit)
-    if not events:
-        return None
-    quiet = FlightProblem(exclude_spans(problem.tracks, events), problem.nominal)
-    return _excluding(analyse_problem(quiet, check_residual, no_progress), events)
+        return findings
+    moments = find_transients(findings.problem, findings.search.best.fit)
+    if not moments:
+        return findings
+    progress("again without moments that do not fit", 0.6)
+    quiet = FlightProblem(exclude_spans(tracks, moments), nominal)
+    again = analyse_problem(quiet, check_residual, no_progress)
+    return excluding(again, tuple(chain.from_iterable(moments)))
 
 
-PASSES: Mapping[str, Callable[[FlightAnalysis], FlightAnalysis | None]] = {
-    "where memories can be followed": without_lost_memories,
-    "without moments that do not fit": without_transients,
-}
-"""Further analyses in this order, each on the findings of the one before: None without a reason
-for it, or if it explains nothing more. The names complete *analysed again ...*."""
-
-
-def _excluding(findings: FlightAnalysis, excluded: Sequence[Sequence[Finding]]) -> FlightAnalysis:
-    remainder = replace(findings.remainder, excluded=tuple(chain.from_iterable(excluded)))
-    return replace(findings, remainder=remainder)
+def excluding(findings: FlightAnalysis, excluded: tuple[Finding, ...]) -> FlightAnalysis:
+    """Return findings with the spans that were excluded before."""
+    return replace(findings, remainder=replace(findings.remainder, excluded=excluded))
 
 
 def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemainder:
@@ -185,9 +133,7 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
     rest = residual_excesses(measured, expected)
     gusts = None
     residual_r2 = 0.0
-    forces_unexplained = any(
-        each.excess > 0.0 and each.channel.startswith(FORCE_CHANNELS) for each in rest
-    )
+    forces_unexplained = any(each.excess > 0.0 and each.of_forces for each in rest)
     if forces_unexplained:
         residual_r2 = cross_validated_r2(problem, best, FORCE_CHANNELS)
     if (
@@ -221,13 +167,8 @@ def _share_of_one_flight(problem: FlightProblem, fit: Fit, expected: ScaleVarian
         return 0.0
     excess = []
     for f in range(len(problem.tracks)):
-        variances = residual_variances(problem, fit, (f,))
-        each = [
-            e
-            for e in residual_excesses(variances, expected)
-            if e.channel.startswith(FORCE_CHANNELS)
-        ]
-        excess.append(sum(max((e.measured / e.expected) ** 2 - 1.0, 0.0) for e in each))
+        rest = residual_excesses(residual_variances(problem, fit, (f,)), expected)
+        excess.append(sum(each.beyond for each in rest if each.of_forces))
     return max(excess) / sum(excess) if sum(excess) > 0.0 else 0.0
 
 
@@ -318,13 +259,11 @@ def explained_excess(
     before: ScaleVariances, after: ScaleVariances, expected: ScaleVariances
 ) -> ExplainedExcess:
     """Return the shares of the excess over noise that an explanation removes."""
-    worst = {each.channel: each for each in residual_excesses(after, expected)}
-    table = []
-    for was in residual_excesses(before, expected):
-        now = worst[was.channel]
-        much = max((was.measured / was.expected) ** 2 - 1.0, 0.0)
-        less = max((now.measured / now.expected) ** 2 - 1.0, 0.0)
-        table.append((channel_group(was.channel), much, less))
+    left = {each.channel: each.beyond for each in residual_excesses(after, expected)}
+    table = [
+        (channel_group(each.channel), each.beyond, left[each.channel])
+        for each in residual_excesses(before, expected)
+    ]
     concerned = [row for row in table if row[2] < _MAX_EXCESS_LEFT_SHARE * row[1]]
     shares = [1.0 - less / much for _, much, less in concerned]
     return ExplainedExcess(

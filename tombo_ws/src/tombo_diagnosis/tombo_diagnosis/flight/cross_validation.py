@@ -15,7 +15,7 @@ from tombo_diagnosis.engine.model import Explanation, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST, restrict_to
 from tombo_diagnosis.engine.regression import Fit, solve
 from tombo_diagnosis.engine.verdict import analyse_problem
-from tombo_diagnosis.flight.analyse import FlightAnalysis, check_residual, with_history
+from tombo_diagnosis.flight.analyse import FlightAnalysis, check_residual, excluding
 from tombo_diagnosis.flight.fit.prediction import motion_of, residuals, simulate_along_motion
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.fit.sensitivity import with_scatter
@@ -364,7 +364,7 @@ def refuse_contradicted(
         problem = findings.problem
         problem.refuse(refused)
         again = analyse_problem(problem, check_residual, no_progress)
-        findings = with_history(again, findings.remainder)
+        findings = excluding(again, findings.remainder.excluded)
 
 
 def _culprit(findings: FlightAnalysis, final: Explanation, worst: Gain) -> str:

@@ -134,7 +134,6 @@ def diagnose_flights(
         leftover=_leftover(findings, final),
         controller=controller,
         tolerances=nominal_tolerances(nominal),
-        passes=findings.remainder.passes,
     )
     return diagnosis, findings
 

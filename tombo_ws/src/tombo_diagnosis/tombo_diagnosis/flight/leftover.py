@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from scipy.signal import lombscargle
 
 from tombo_diagnosis.diagnosis import VARIABLES, Dependence, Leftover, LeftoverSamples
@@ -119,10 +120,9 @@ def held_out_r2(x: Sequence[Array], y: Sequence[Array]) -> float:
         known, target = np.concatenate([x[k] for k in others]), np.vstack([y[k] for k in others])
         edges = np.quantile(known, np.linspace(0.0, 1.0, _SLICES + 1)[1:-1])
         place = np.searchsorted(edges, known, side="right")
-        count = np.maximum(np.bincount(place, minlength=_SLICES), 1)[:, None]
-        sums = np.zeros((_SLICES, int(axes.sum())))
-        np.add.at(sums, place, target[:, axes])
-        predicted = (sums / count)[np.searchsorted(edges, x[held], side="right")]
+        means = pd.DataFrame(target[:, axes]).groupby(place).mean()
+        means = means.reindex(range(_SLICES), fill_value=0.0).to_numpy()
+        predicted = means[np.searchsorted(edges, x[held], side="right")]
         before += float(np.sum(y[held][:, axes] ** 2))
         after += float(np.sum((y[held][:, axes] - predicted) ** 2))
     return 1.0 - after / before if before > 0.0 else 0.0

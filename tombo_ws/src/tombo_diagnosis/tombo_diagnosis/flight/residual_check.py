@@ -139,6 +139,16 @@ class ResidualExcess:
     excess: float
     """Logarithm of the ratio of variances, less what sampling may give; above 0: too much."""
 
+    @property
+    def beyond(self) -> float:
+        """Variance over the expected one, as a share of that."""
+        return max((self.measured / self.expected) ** 2 - 1.0, 0.0)
+
+    @property
+    def of_forces(self) -> bool:
+        """Whether the channel is a force per mass."""
+        return self.channel.startswith(FORCE_CHANNELS)
+
 
 @dataclass(frozen=True)
 class ScaleVariances:

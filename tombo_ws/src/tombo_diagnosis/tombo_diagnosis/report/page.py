@@ -116,7 +116,6 @@ def report_page(
         what: the data are of: flight or table.
         data: for programs; None: that of the diagnosis.
     """
-    passes = f"Analysed again {', then '.join(diagnosis.passes)}. " if diagnosis.passes else ""
     candidates = candidate_items(diagnosis.candidates)
     return Page(
         title=title,
@@ -136,7 +135,7 @@ def report_page(
         ],
         data=diagnosis_mapping(diagnosis) if data is None else data,
         footer="Residual: measured minus model. Intervals are 95 %. Held against: "
-        f"{diagnosis.model or 'the suite’s own'}. {passes}Diagnosed in "
+        f"{diagnosis.model or 'the suite’s own'}. Diagnosed in "
         f"{figure(diagnosis.seconds, 2)} s after loading. The same in diagnosis.json.",
     )  # fmt: skip
 

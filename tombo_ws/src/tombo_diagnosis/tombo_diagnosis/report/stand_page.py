@@ -61,8 +61,7 @@ def stand_mapping(stand: StandDiagnosis) -> dict[str, Any]:
     """Return the content of `diagnosis.json`: that of flights, `runs` for their `flights`."""
     mapping = diagnosis_mapping(stand.diagnosis)
     mapping["runs"] = mapping.pop("flights")
-    for of_flights in ("vehicle", "passes"):
-        del mapping[of_flights]
+    del mapping["vehicle"]
     if stand.constant is not None:
         mapping["thrust_constant"] = plain(asdict(stand.constant))
     return mapping
