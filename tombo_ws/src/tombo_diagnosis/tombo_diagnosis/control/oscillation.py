@@ -156,12 +156,9 @@ def _loop(s: ControlSignals, k: int, hertz: float) -> str:
     if s.rates_asked is not None:
         asked = _swing(s.rates_asked[:, k], s.valid, hertz, s.step)
         if asked < _FOLLOWS * _swing(s.gyro[:, k], s.valid, hertz, s.step):
-            return "rate" if _asks_attitude(s) else "attitude"
+            error = attitude_error(s.turns, s.turns_asked)
+            return "rate" if follows(s, error, s.rates_asked) else "attitude"
     return "attitude"
-
-
-def _asks_attitude(s: ControlSignals) -> bool:
-    return follows(s, attitude_error(s.turns, s.turns_asked), s.rates_asked)
 
 
 def _begin(s: ControlSignals, k: int) -> float:

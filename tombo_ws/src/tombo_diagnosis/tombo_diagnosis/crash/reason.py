@@ -101,11 +101,11 @@ def why(log: Flight) -> Why:
     findings = findings_of(log)
     motion = crash_motion(log)
     line = signs(motion)
-    swing = swing_of(motion)
+    swing = None if motion.controlled is None else oscillation(motion.controlled)
     cause, time, members = name_cause(line)
     if cause == "none" and swing is not None:
-        line = sorted([*line, swing], key=lambda s: s.time)
-        cause, time = CAUSES["oscillation"], swing.time
+        cause, time = CAUSES["oscillation"], swing.begin_s
+        line = sorted([*line, Sign(time, "oscillation", swing.text)], key=lambda s: s.time)
     stated = _sound(motion) if cause == "none" else succession(*_TRIED[cause])
     if any(is_doubt(f) for f in findings):
         stated = min(stated, succession(*_DOUBTED))
@@ -116,12 +116,6 @@ def is_doubt(finding: Finding) -> bool:
     """Return whether a finding doubts the log itself: a crash does not do that to it."""
     by_stamps = finding.check == "stamps" and finding.key not in ("", "unknown clock")
     return by_stamps or (finding.severity == "fault" and finding.check not in _DONE_BY_CRASHES)
-
-
-def swing_of(motion: CrashMotion) -> Sign | None:
-    """Return the loop that swings through the flight, if one does."""
-    swing = None if motion.controlled is None else oscillation(motion.controlled)
-    return None if swing is None else Sign(swing.begin_s, "oscillation", swing.text)
 
 
 def name_cause(line: list[Sign]) -> tuple[str, float | None, tuple[str, ...]]:

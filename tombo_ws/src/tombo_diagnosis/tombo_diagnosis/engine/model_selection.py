@@ -49,7 +49,9 @@ def search(
         grown: dict[frozenset[str], Explanation] = {}
         for explanation in beam:
             for hypothesis in _worth_fitting(model, explanation):
-                fitted = _with_hypothesis(model, explanation, hypothesis)
+                fitted = fit_hypotheses(
+                    model, (*explanation.hypotheses, hypothesis), explanation.fit
+                )
                 key = frozenset(fitted.effects)
                 if key not in grown or grown[key].evidence < fitted.evidence:
                     grown[key] = fitted
@@ -177,13 +179,6 @@ def _widest(
     return mean, Hypothesis(effect, (), float(_WIDTH_FACTORS[int(np.argmax(gains))]))
 
 
-def _with_hypothesis(
-    model: RegressionModel, explanation: Explanation, hypothesis: Hypothesis
-) -> Explanation:
-    """Return an explanation with one more cause, everything in it fitted again."""
-    return fit_hypotheses(model, (*explanation.hypotheses, hypothesis), explanation.fit)
-
-
 def fit_hypotheses(
     model: RegressionModel, hypotheses: tuple[Hypothesis, ...], start: Fit | None = None
 ) -> Explanation:
@@ -203,17 +198,11 @@ def fit_hypotheses(
     return Explanation(hypotheses, fit, evidence)
 
 
-def _within_bounds(model: RegressionModel, fit: Fit) -> float:
-    """Return the log evidence of a fit, less what it costs to lie beyond a bound."""
-    return fit.evidence - model.unknowns.bounds_penalty(
-        fit.theta, fit.free, fit.solution, fitted=True
-    )
-
-
 def _beyond_healthy(model: RegressionModel, fit: Fit) -> float:
-    """Return the log evidence of a fit, less what its causes do by sizes that may be healthy."""
+    """Return the log evidence of a fit, less what bounds and sizes that may be healthy cost."""
     gain = _healthy_gain(model, fit, fit.free, prior_std_scale=fit.prior_std_scale)
-    return _within_bounds(model, fit) - gain
+    beyond = model.unknowns.bounds_penalty(fit.theta, fit.free, fit.solution, fitted=True)
+    return fit.evidence - beyond - gain
 
 
 def _healthy_gain(
@@ -267,7 +256,7 @@ def restrict_to(
         return explanation
     result = Explanation((), model.null_hypothesis, 0.0)
     for hypothesis in remaining:
-        result = _with_hypothesis(model, result, hypothesis)
+        result = fit_hypotheses(model, (*result.hypotheses, hypothesis), result.fit)
     return result
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy import stats
+from scipy.linalg import block_diag
 
 from tombo_diagnosis.diagnosis import Cause, Score
 from tombo_diagnosis.engine import cause_estimates
@@ -83,13 +84,10 @@ def _noise_estimate(effect: str, findings: FlightAnalysis) -> ParameterEstimate:
 def _together(a: ParameterEstimate, b: ParameterEstimate) -> ParameterEstimate:
     """Return both estimates of one effect; where both have a parameter, the second one."""
     names = {f.name for f in b[0]}
-    first_only = [k for k, f in enumerate(a[0]) if f.name not in names]
-    size = len(first_only)
-    spread = np.zeros((size + len(b[0]), size + len(b[0])))
-    if first_only:
-        spread[:size, :size] = np.array(a[1])[np.ix_(first_only, first_only)]
-    spread[size:, size:] = np.array(b[1])
-    return (*(a[0][k] for k in first_only), *b[0]), as_tuples(spread)
+    kept = [k for k, f in enumerate(a[0]) if f.name not in names]
+    first = np.reshape(a[1], (len(a[0]), len(a[0])))[np.ix_(kept, kept)]
+    spread = block_diag(first, np.array(b[1]))
+    return (*(a[0][k] for k in kept), *b[0]), as_tuples(spread)
 
 
 def _scatter_estimate(findings: FlightAnalysis, explanation: Explanation) -> ParameterEstimate:

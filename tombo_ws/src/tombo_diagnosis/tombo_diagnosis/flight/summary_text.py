@@ -8,7 +8,6 @@ import numpy as np
 
 from tombo_diagnosis.diagnosis import Cause
 from tombo_diagnosis.flight.analyse import MAX_LOG_VARIANCE_EXCESS, FlightAnalysis
-from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.wording import capital, counted, display_name, listed
 from tombo_flight.extended_model import Gain
 
@@ -63,10 +62,6 @@ def summary(findings: FlightAnalysis, causes: Sequence[Cause], gains: Sequence[G
     return f"{cause_texts}.{gain}{besides}"
 
 
-def _pose_rate_hz(problem: FlightProblem) -> float:
-    return float(np.median([1.0 / np.median(np.diff(t.pose_t)) for t in problem.tracks]))
-
-
 def _cause_text(cause: Cause) -> str:
     """Return a cause with the parameters whose interval leaves the nominal value out."""
     reported = [f for f in cause.theta if not f.low <= f.nominal <= f.high] or list(cause.theta)
@@ -94,18 +89,15 @@ def notes(findings: FlightAnalysis) -> list[str]:
             "mass, thrust and level can't be seen, moments are not compared, and what healthy "
             "flights leave over is not known; the level of false alarms can't be certified."
         )
-        unexplained = [each for each in findings.remainder.residual_excesses if each.excess > 3.0]
-        if unexplained and findings.judgement.effects:
-            rest = "; ".join(f"{e.channel} {e.measured:.2g} {e.unit}" for e in unexplained[:4])
-            lines.append(f"What is left beyond the causes named: {rest} (root mean square).")
     if not problem.nominal.moments and not problem.nominal.calibrated:
         lines.append(
             "Poses alone: thrust is taken from the track, so nothing along it (mass, thrust, "
             "ground effect) and no moments can be seen; rotor commands or an IMU show them."
         )
     if any(track.formulation == "mocap" for track in problem.tracks):
+        rate = np.median([1.0 / np.median(np.diff(track.pose_t)) for track in problem.tracks])
         lines.append(
-            f"Without an IMU accelerations come from {_pose_rate_hz(problem):.0f} Hz poses: "
+            f"Without an IMU accelerations come from {rate:.0f} Hz poses: "
             "faults of the IMU can't be seen, and quick effects only in part."
         )
     if findings.problem.vehicles > 1 and len(problem.tracks) > 1:

@@ -28,12 +28,13 @@ from tombo_sim.inverse_simulation import ImposedTick, run_along_motion, simulate
 NO_NOISE = np.zeros((1, 9))
 """No noise."""
 _AXES = ("x", "y", "z")
-_MOCAP = sorted(
+OF_POSES = sorted(
     index
     for name, effect in REGISTRY.items()
     if effect.stage is Stage.MOCAP
     for index in layout()[name].values()
 )
+"""Places in theta of the parameters that act on the poses."""
 _NULL = null_theta()
 
 
@@ -108,7 +109,7 @@ def motion_of(track: Track, nominal: NominalModel, theta: Array) -> MotionOfPose
     axes = np.hstack([np.eye(4, 3, -1), np.zeros((4, 3)), np.ones((4, 1))])
     seen_axes = simulate_mocap(plant, theta, NO_NOISE, axes, spacing)[:, :3]
     back = np.linalg.inv(seen_axes[1:] - seen_axes[0])
-    for _ in range(3 if np.any(theta[_MOCAP] != _NULL[_MOCAP]) else 1):
+    for _ in range(3 if np.any(theta[OF_POSES] != _NULL[OF_POSES]) else 1):
         seen = simulate_mocap(plant, theta, NO_NOISE, guess, spacing)
         guess[:, :3] += (track.pose[:, :3] - seen[:, :3]) @ back
         inverse = conjugate(seen[:, 3:7])
@@ -216,8 +217,3 @@ def residuals(
     if track.arrival.size:
         result["pose"] = (track.arrival - motion.pose_latency)[track.pose_rows, None]
     return result
-
-
-def affects_poses(index: int) -> bool:
-    """Return whether the parameter at this place of theta acts on the poses."""
-    return index in _MOCAP

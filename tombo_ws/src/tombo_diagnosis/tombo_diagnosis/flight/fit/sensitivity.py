@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.flight.fit.prediction import (
+    OF_POSES,
     MotionOfPoses,
-    affects_poses,
     motion_of,
     residuals,
     simulate_along_motion,
@@ -79,7 +79,7 @@ class _PredictedFlight:
         # Within the parameter's bounds.
         step = p.step if float(moved[p.index]) + p.step <= p.high else -p.step
         moved[p.index] += step
-        motion = None if affects_poses(p.index) else self.motion
+        motion = None if p.index in OF_POSES else self.motion
         return _change(self.residual, residuals(self.track, self.nominal, moved, motion), step)
 
 
@@ -131,7 +131,7 @@ def linearize(
         noisy = {
             i: _where_noise(replica, nominal.parameters[i], change)
             for i, change in slopes.items()
-            if affects_poses(i)
+            if i in OF_POSES
         }
     for index, where in noisy.items():
         if index in slopes:
@@ -200,9 +200,5 @@ def scatter_unit(theta: Array, p: FreeParameter) -> float:
 
 def map_flights(function: Callable[[_Item], _Result], flights: Sequence[_Item]) -> list[_Result]:
     """Apply to every flight, on two threads: compiled code does not hold the interpreter."""
-    return list(_pool().map(function, flights))
-
-
-@lru_cache(maxsize=1)
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(2, "flights")
+    with ThreadPoolExecutor(2, "flights") as pool:
+        return list(pool.map(function, flights))
