@@ -17,7 +17,6 @@ from scipy.special import expit
 
 from tombo_diagnosis.engine.model import (
     Analysis,
-    Calibration,
     Explanation,
     Judgement,
     RegressionModel,
@@ -72,7 +71,11 @@ def judge(setting: Setting, result: SearchResult, remainder: Remainder) -> Judge
         each = each if effects else {}
         if name == "set":
             effects = tuple(sorted(effects, key=lambda e: -each.get(e, 0.0)))
-        stated = calibrated(probability, setting.calibration.get(name, ()), setting.max_confidence)
+        table = setting.calibration.get(name)
+        if table:
+            said, true = zip(*table, strict=True)
+            probability = float(np.interp(probability, said, true))
+        stated = _clipped(probability, setting.max_confidence)
         alike = members if name in ("named", "set") else ()
         explained = remainder.explained if causes else 0.0
         return Judgement(name, effects, alike, stated, each, explained, reason)
@@ -207,14 +210,6 @@ def succession(trials: int, failures: int, usual: float = 0.5) -> float:
     `usual`: share of failures before them, which counts as two trials.
     """
     return (trials - failures + 2.0 * (1.0 - usual)) / (trials + 2.0)
-
-
-def calibrated(probability: float, table: Calibration, most: float) -> float:
-    """Return a probability as a table calibrates it, never more than `most`."""
-    if table:
-        stated, true = zip(*table, strict=True)
-        probability = float(np.interp(probability, stated, true))
-    return _clipped(probability, most)
 
 
 def _clipped(probability: float, most: float) -> float:

@@ -29,7 +29,7 @@ from tombo_diagnosis.flight.cross_validation import (
 )
 from tombo_diagnosis.flight.fit.prediction import motion_of
 from tombo_diagnosis.flight.fit.track import Track, track_of
-from tombo_diagnosis.flight.leftover import flight_leftover, leftover_quantities
+from tombo_diagnosis.flight.leftover import flight_leftover
 from tombo_diagnosis.flight.nominal import (
     NominalModel,
     held_against,
@@ -141,8 +141,7 @@ def diagnose_flights(
 def _leftover(findings: FlightAnalysis, final: Explanation) -> Leftover | None:
     if findings.judgement.verdict not in UNCERTAIN_VERDICTS:
         return None
-    groups = findings.remainder.unexplained_groups
-    return flight_leftover(findings.problem, final.fit, leftover_quantities(groups))
+    return flight_leftover(findings.problem, final.fit, findings.remainder.unexplained_groups)
 
 
 def _usable(logs: Sequence[Flight]) -> tuple[list[Flight], list[Finding]]:

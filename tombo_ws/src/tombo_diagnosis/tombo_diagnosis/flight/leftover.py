@@ -14,7 +14,7 @@ from scipy.signal import lombscargle
 
 from tombo_diagnosis.diagnosis import VARIABLES, Dependence, Leftover, LeftoverSamples
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.flight.fit.prediction import MotionOfPoses, simulate_along_motion
+from tombo_diagnosis.flight.fit.prediction import simulate_along_motion
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import yaw_pitch_roll
@@ -40,10 +40,12 @@ _MIN_LINE_RATIO, _MIN_LINE_SHARE = 10.0, 0.5
 """Least power of a line over its neighbours', and least share of the force."""
 
 
-def flight_leftover(
-    problem: FlightProblem, fit: Fit, quantities: Collection[str] = tuple(_CHANNELS)
-) -> Leftover:
-    """Return the force, moment or both that neither a fit nor its tolerances explain."""
+def flight_leftover(problem: FlightProblem, fit: Fit, groups: Collection[str] = ()) -> Leftover:
+    """Return the force and moment that neither a fit nor its tolerances explain.
+
+    Only those among `groups` of unexplained channels, if any of them is.
+    """
+    quantities = [q for q in _CHANNELS if q in groups] or [*_CHANNELS]
     flights = range(len(problem.tracks))
     by_quantity = {q: [_samples(problem, fit, f, q) for f in flights] for q in quantities}
     measured = {q: [s for s in each if s is not None] for q, each in by_quantity.items()}
@@ -81,11 +83,6 @@ def has_line(problem: FlightProblem, fit: Fit) -> bool:
     beside = powers[(apart > _NEIGHBOURS[0]) & (apart < _NEIGHBOURS[1])].mean()
     total = sum(float(np.sum((force - force.mean(axis=0)) ** 2)) for force in forces)
     return bool(powers[line] > max(_MIN_LINE_RATIO * beside, _MIN_LINE_SHARE * total))
-
-
-def leftover_quantities(groups: Collection[str]) -> tuple[str, ...]:
-    """Return which quantities the groups of unexplained channels ask for; all without any."""
-    return tuple(q for q in _CHANNELS if q in groups) or tuple(_CHANNELS)
 
 
 def dependences(quantity: str, flights: Sequence[LeftoverSamples]) -> list[Dependence]:
@@ -140,7 +137,8 @@ def _samples(
     kernel = track.fast_kernel if group == "fast" else track.slow_kernel
     length = max(1, round(_BLOCK_S * problem.per_second(group)))
     vehicle = problem.nominal.vehicle
-    size = np.full(3, vehicle.mass) if quantity == "force" else _inertia(vehicle)
+    inertia = np.array([vehicle.inertia_xx, vehicle.inertia_yy, vehicle.inertia_zz])
+    size = np.full(3, vehicle.mass) if quantity == "force" else inertia
     rows = problem.residual(fit, flight)[group][:, chosen]
     left = block_means(rows, length) * size[list(axes)]
     rotation = linear.motion.rotation
@@ -173,10 +171,6 @@ def _channels(
     return None
 
 
-def _inertia(vehicle: object) -> Array:
-    return np.array([getattr(vehicle, f"inertia_{axis}") for axis in ("xx", "yy", "zz")])
-
-
 def _state(problem: FlightProblem, fit: Fit, flight: int) -> dict[str, Array]:
     """Return the variables that a leftover may follow, at the ticks of a flight."""
     track, motion = problem.tracks[flight], tangent_of(fit).linears[flight].motion
@@ -187,13 +181,9 @@ def _state(problem: FlightProblem, fit: Fit, flight: int) -> dict[str, Array]:
     state |= dict(zip("pqr", values[:, 10:13].T, strict=True))
     state["yaw"] = yaw_pitch_roll(values[:, 6:10])[:, 0]
     state["t"] = track.t - track.t[0]
-    state["thrust"] = _thrust(problem, fit, flight, motion)
+    out = simulate_along_motion(track, problem.nominal, fit.theta, motion)
+    # drag along the axis is small
+    state["thrust"] = problem.nominal.vehicle.mass * out["force"][:, 2]
     if track.voltage.size:
         state["voltage"] = track.voltage[:, 0]
     return state
-
-
-def _thrust(problem: FlightProblem, fit: Fit, flight: int, motion: MotionOfPoses) -> Array:
-    """Return the thrust of all rotors as the model has it [N]; drag along the axis is small."""
-    out = simulate_along_motion(problem.tracks[flight], problem.nominal, fit.theta, motion)
-    return np.asarray(problem.nominal.vehicle.mass * out["force"][:, 2])
