@@ -102,16 +102,16 @@ def loop_fits(signals: ControlSignals) -> list[LoopFit]:
 
 @dataclass(frozen=True)
 class _Loop:
-    """What a loop asks for, and what that may follow from."""
+    """The output of a loop, and the errors that may explain it."""
 
     name: str
     axis: str
-    asked: Array
-    """(N,)"""
+    output: Array
+    """(N,) set point of the next loop, or moment."""
     errors: Mapping[str, tuple[Array, str]]
     """Term → (N,) error, and the unit of its gain."""
     besides: Sequence[Array]
-    """(N,) each: what is no error of the loop."""
+    """(N,) each: other regressors."""
     free: Mask
     """(N,) where nothing limits it."""
     fresh: Mask
@@ -127,7 +127,7 @@ def _best_fit(s: ControlSignals, loops: Sequence[_Loop], delays: Sequence[int] =
 def _fit(s: ControlSignals, loop: _Loop, delay: int) -> LoopFit:
     """Regress what is asked for on delayed errors, with intervals from parts of the flight."""
     errors = [error for error, _ in loop.errors.values()]
-    columns = [loop.asked, *(_shifted(c, delay) for c in (*errors, *loop.besides))]
+    columns = [loop.output, *(_shifted(c, delay) for c in (*errors, *loop.besides))]
     table = np.column_stack(columns)
     rows = loop.free & np.isfinite(table).all(axis=1)
     spans = [(b, e) for b, e in runs(rows) if (e - b) * s.step > _SHORTEST_S]

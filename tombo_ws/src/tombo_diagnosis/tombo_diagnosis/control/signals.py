@@ -107,7 +107,7 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         return None
     moment, unit = None, ""
     if "torque_setpoint" in control:
-        moment, unit = _held(control["torque_setpoint"], t), "N m"
+        moment, unit = _hold_samples(control["torque_setpoint"], t), "N m"
     elif drive is not None:
         usable &= ~_at_limit(measured[drive], t)
         moment, unit = _moment(measured[drive], drive, t, usable, plant, log)
@@ -116,7 +116,7 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
     position = _linear(place, t)
     gyro = measured.get("gyro")
     # of a loop that is computed elsewhere a set point holds since it came in
-    asked = {name: _held(series, t, arrived=True) for name, series in control.items()}
+    asked = {name: _hold_samples(series, t, arrived=True) for name, series in control.items()}
     attitude, thrust = asked.get("attitude_setpoint"), control.get("thrust_setpoint")
     rates = control.get("rates_setpoint")
     return ControlSignals(
@@ -124,7 +124,7 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         {} if gyro is None else {"gyro": _linear(gyro, t)},
         usable,
         log.name,
-        None if rates is None else _held(rates, t),
+        None if rates is None else _hold_samples(rates, t),
         turns,
         None if attitude is None else Rotation.from_quat(unit_rows(attitude)),
         position,
@@ -132,7 +132,7 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         asked.get("position_setpoint"),
         asked.get("velocity_setpoint"),
         asked.get("acceleration_setpoint"),
-        None if thrust is None else _held(thrust, t)[:, 0],
+        None if thrust is None else _hold_samples(thrust, t)[:, 0],
         moment,
         unit,
     )
@@ -167,7 +167,7 @@ def _linear(series: Series, t: Array) -> Array:
     return interpolated(t, series.t, series.values)
 
 
-def _held(series: Series, t: Array, arrived: bool = False) -> Array:
+def _hold_samples(series: Series, t: Array, arrived: bool = False) -> Array:
     """Return what holds at each time; `arrived`: since it came in, where that is known."""
     known = series.arrival if arrived and series.arrival is not None else series.t
     return held_values(t + 1e-6, known, series.values)
@@ -177,7 +177,7 @@ def _at_limit(drive: Series, t: Array) -> Mask:
     top, bottom = drive.values.max(axis=0), drive.values.min(axis=0)
     span = np.maximum(top - bottom, 1e-9)
     out = np.zeros(t.size, np.bool_)
-    values = _held(drive, t)
+    values = _hold_samples(drive, t)
     for edge in (top, bottom):
         near = np.abs(values - edge) < 1e-4 * span
         out |= (near & (near.mean(axis=0) > _LIMIT)).any(axis=1)
@@ -187,7 +187,7 @@ def _at_limit(drive: Series, t: Array) -> Mask:
 def _moment(
     drive: Series, name: str, t: Array, usable: Mask, plant: DrivePlant | None, log: Flight
 ) -> tuple[Array | None, str]:
-    values = np.maximum(_held(drive, t), 0.0)
+    values = np.maximum(_hold_samples(drive, t), 0.0)
     frame = log.airframe
     if plant is not None and plant.maps is not None and name != "motor_command":
         grid = np.linspace(0.0, float(values.max()), 400)

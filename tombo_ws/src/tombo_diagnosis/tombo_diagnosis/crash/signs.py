@@ -149,7 +149,7 @@ def _why_off(m: CrashMotion, begin: float) -> tuple[str, str]:
 
 
 def _since(mask: Mask, row: int, most: int) -> int:
-    """Return from which row on a mask has held until a row, at most so many rows before it."""
+    """Return the first row of the run of a mask that ends before a row, `most` rows at most."""
     first = max(row - most, 0)
     off = np.flatnonzero(~mask[first:row])
     return first + (int(off[-1]) + 1 if off.size else 0)

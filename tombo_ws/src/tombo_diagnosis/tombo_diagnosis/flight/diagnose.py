@@ -282,7 +282,7 @@ def diagnose_unchecked(
     progress: ProgressCallback = no_progress,
     clock: Callable[[], float] = lambda: 0.0,
 ) -> tuple[Diagnosis, FlightAnalysis]:
-    """Check flights and diagnose those that pass: see `check_flights`, `diagnose_flights`."""
+    """Check flights and diagnose the good ones: see `check_flights`, `diagnose_flights`."""
     hover = hover_of(nominal.label, nominal.vehicle, nominal.maps)
     checked, refused = check_flights(flights, hover, progress=progress)
     return diagnose_flights(checked, nominal, progress, clock, refused)

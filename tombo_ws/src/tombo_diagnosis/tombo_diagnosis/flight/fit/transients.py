@@ -34,9 +34,9 @@ def find_transients(problem: FlightProblem, fit: Fit) -> list[list[Finding]]:
     Empty if a flight has none or too many.
     """
     moments = [_moments(problem, fit, f) for f in range(len(problem.tracks))]
-    for track, found in zip(problem.tracks, moments, strict=True):
-        lasted = sum(each.end_s - each.start_s for each in found)
-        if len(found) > _MOMENTS or lasted > _SHARE * track.used_s:
+    for track, events in zip(problem.tracks, moments, strict=True):
+        lasted = sum(each.end_s - each.start_s for each in events)
+        if len(events) > _MOMENTS or lasted > _SHARE * track.used_s:
             return []
     return moments if any(moments) else []
 
