@@ -41,6 +41,8 @@ def from_flights(
     as they were known before. Each flight is then diagnosed with the vehicle that the
     others show: how often a healthy one is accused limits the confidence of
     `tombo diagnose --vehicle FILE`, which compares other flights with this vehicle.
+    Without poses gyro, accelerometer and motor commands will do: thrust curve, inertia
+    and motor lag are fitted then.
     """
     from tombo_bringup.cli.tables import show_page
     from tombo_dynamics.params import from_mapping
@@ -58,6 +60,10 @@ def from_flights(
         from tombo_logs.readers.log_reader import read_logs
 
         read = read_logs(flights.logs, mapping=reading.mapping)
+        if not any("position" in log.series for log in read):
+            page = _inertial(read, _base(read, vehicle, mass), output)
+            show_page(page, shown.as_json)
+            return
         healthy, refused = check_flights(read, progress=on_progress)
         if refused:  # healthy flights are all to be fit for use
             raise InputError(refused[0].message)
@@ -89,6 +95,16 @@ def _base(flights: list[Flight], vehicle: str | None, mass: float | None) -> Veh
     return dataclasses.replace(
         base, vehicle=weighed, notes=notes, given=base.given | {"vehicle.mass"}
     )
+
+
+def _inertial(flights: list[Flight], base: VehicleFile, output: Path) -> Page:
+    """Fit flights without poses, write the vehicle file, return the page."""
+    from tombo_diagnosis.flight.inertial_vehicle import inertial_page, inertial_vehicle
+    from tombo_flight.vehicle_file import write_vehicle
+
+    fit = inertial_vehicle(flights, base)
+    write_vehicle(output, fit.file)
+    return inertial_page(fit, output)
 
 
 def _page(fit: VehicleFit, output: Path) -> Page:

@@ -250,3 +250,23 @@ def test_a_real_load_on_a_thread_is_named_with_its_grams():
     (mass,) = [f for f in load.theta if f.name == "mass"]
     assert mass.low < 0.0053 < mass.high
     assert 0.004 < mass.value < 0.006
+
+
+NANOBENCH = DATA.parent / "nanobench_controllers"
+
+
+@pytest.mark.skipif(not NANOBENCH.is_dir(), reason=f"real data absent: no {NANOBENCH}")
+def test_two_real_controllers_are_told_apart_and_neither_from_itself():
+    flights = {
+        kind: [
+            read_log(p, p.name, load_mapping("nanobench")) for p in NANOBENCH.glob(f"{kind}_*.gz")
+        ]
+        for kind in ("pid", "mell")
+    }
+    gains = {kind: controller_report(each, None).gains for kind, each in flights.items()}
+    for one, other in (("pid", "mell"), ("mell", "pid")):
+        found = controller_report(flights[one], None, gains[other], "the other")
+        assert "another than the other" in found.summary
+        for k, flight in enumerate(flights[one]):
+            rest = controller_report(flights[one][:k] + flights[one][k + 1 :], None)
+            assert controller_report([flight], None, rest.gains, "the others").changed == ()

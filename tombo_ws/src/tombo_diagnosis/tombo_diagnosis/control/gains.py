@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
@@ -25,6 +26,8 @@ _LEAST_S, _LEAST_STRETCH, _LEAST_ROWS, _ROWS = 3.0, 5, 100, 6000
 """Time in the air, and samples of a stretch and in all, at least; samples about at most."""
 _REPEATED_SHARE: Final = 0.6
 """Share of samples that are new below which what is asked for is held between them."""
+_COURSE_S: Final = 0.03
+"""s: standard deviation of the Gaussian before a course is differentiated."""
 _SLOPE_S: Final = 0.02
 """s over which the acceleration that may be taken back is measured, at least."""
 _STRUCTURE: Final = {"P": 0.04, "D": 0.04, "I": 0.08}
@@ -54,10 +57,10 @@ class LoopGain:
     """One gain of a loop, of one flight or of several."""
 
     loop: str
-    """rate, attitude or position."""
+    """rate, attitude or position; state: all at once, in moments."""
     axis: str
     term: str
-    """P, I or D."""
+    """P, I or D; of all at once with the loop that it belongs to before it."""
     unit: str
     value: float
     low: float
@@ -97,7 +100,8 @@ def loop_fits(signals: ControlSignals) -> list[LoopFit]:
     error = attitude_error(signals.turns, signals.turns_asked)
     cascade = follows(signals, error, signals.rates_asked)
     inner = [*_rate_loops(signals, error, cascade), *_attitude_loops(signals, error, cascade)]
-    return [*inner, *_position_loops(signals)]
+    loops = [*inner, *_position_loops(signals)]
+    return loops or _state_feedback(signals)
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,7 @@ def _fit(s: ControlSignals, loop: _Loop, delay: int) -> LoopFit:
     chosen = np.vstack(parts)[:: max(used // _ROWS, 1)]
     values, deviations, explained = _trimmed(chosen[:, 1:], chosen[:, 0])
     gains = tuple(
-        _gain(loop, term, v, float(np.hypot(e, _STRUCTURE[term] * v)))
+        _gain(loop, term, v, float(np.hypot(e, _STRUCTURE[term[-1]] * v)))
         for term, v, e in zip(loop.errors, values.tolist(), deviations.tolist(), strict=False)
     )
     remark = ""
@@ -339,3 +343,43 @@ def _position_loops(s: ControlSignals) -> list[LoopFit]:
         loop = _Loop("position", axis, pushed[:, k], errors, besides, free, fresh)
         fits.append(_best_fit(s, [loop]))
     return fits
+
+
+def _state_feedback(s: ControlSignals) -> list[LoopFit]:
+    """Return how moments answer position, velocity, tilt and rates, if no loop between is known.
+
+    A cascade as a whole is linear in the state: position P, I, D and attitude P, D, in moments.
+    """
+    if s.moment is None or not s.gyro.size or s.turns is None or s.position_asked is None:
+        return []
+    smooth = max(_COURSE_S / s.step, 0.1)
+    asked = gaussian_filter1d(s.position_asked, smooth, axis=0)
+    speed = np.gradient(asked, s.step, axis=0)
+    push = np.gradient(gaussian_filter1d(speed, smooth, axis=0), s.step, axis=0)
+    up, ahead = s.turns.apply([0.0, 0.0, 1.0]), s.turns.apply([1.0, 0.0, 0.0])
+    heading = np.arctan2(ahead[:, 1], ahead[:, 0])
+    error, slip, push, up = (
+        _level(v, heading) for v in (s.position_asked - s.position, speed - s.velocity, push, up)
+    )
+    fits = []
+    clock, unit, fresh = s.t - s.t[0], s.moment_unit, _fresh(s.moment)
+    for k, (axis, other, sign) in enumerate((("roll", 1, -1.0), ("pitch", 0, 1.0))):
+        e = sign * error[:, other]
+        errors = {
+            "position P": (e, f"{unit}/m"),
+            "position D": (sign * slip[:, other], f"{unit} s/m"),
+            "position I": (_integral(e, s.valid, s.step), f"{unit}/(m s)"),
+            "attitude P": (-sign * up[:, other], f"{unit}/rad"),
+            "attitude D": (-s.gyro[:, k], f"{unit} s/rad"),
+        }
+        besides = [push[:, other], clock]
+        loop = _Loop("state", axis, s.moment[:, k], errors, besides, s.valid, fresh)
+        fits.append(_best_fit(s, [loop], range(_DELAYS)))
+    return fits
+
+
+def _level(values: Array, heading: Array) -> Array:
+    """Return (N, 2), ahead and to the left, of vectors (N, 3) in map."""
+    c, s = np.cos(heading), np.sin(heading)
+    x, y = values[:, 0], values[:, 1]
+    return np.column_stack([c * x + s * y, c * y - s * x])

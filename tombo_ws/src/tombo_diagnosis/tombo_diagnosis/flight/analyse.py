@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
 from scipy.special import expit
 
 from tombo_bag.flight import Finding
-from tombo_diagnosis.engine.model import Analysis, Remainder, SearchResult
-from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST
+from tombo_diagnosis.engine.model import Analysis, Explanation, Remainder, SearchResult
+from tombo_diagnosis.engine.model_selection import LOG_BF_FIRST, rank_hypotheses, restrict_to
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.engine.verdict import analyse_problem, p_cause
+from tombo_diagnosis.engine.verdict import analyse_problem, judge, p_cause
 from tombo_diagnosis.flight.fit.prediction import channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem
-from tombo_diagnosis.flight.fit.track import Track
-from tombo_diagnosis.flight.fit.transients import exclude_spans, find_transients
-from tombo_diagnosis.flight.leftover import has_line
+from tombo_diagnosis.flight.fit.track import WIND, Track
+from tombo_diagnosis.flight.fit.transients import exclude_spans, find_transients, lost_memories
 from tombo_diagnosis.flight.noise import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.residual_check import (
@@ -33,8 +32,10 @@ from tombo_diagnosis.flight.residual_check import (
     residual_variances,
     with_healthy,
 )
+from tombo_diagnosis.flight.swing import along, with_swing
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
+from tombo_dynamics.effects.compose import layout
 from tombo_flight.progress import ProgressCallback, no_progress
 
 MAX_LOG_VARIANCE_EXCESS = 0.6
@@ -87,7 +88,7 @@ class FlightRemainder(Remainder):
     unexplained_groups: tuple[str, ...] = ()
     """Groups of channels with more than noise, the largest excess first."""
     excluded: tuple[Finding, ...] = ()
-    """Short disturbances, which were excluded."""
+    """Short disturbances, and where an effect's memory is lost: they were excluded."""
 
 
 FlightAnalysis = Analysis[FlightProblem, FlightRemainder]
@@ -96,23 +97,107 @@ FlightAnalysis = Analysis[FlightProblem, FlightRemainder]
 def analyse(
     tracks: Sequence[Track], nominal: NominalModel, progress: ProgressCallback = no_progress
 ) -> FlightAnalysis:
-    """Diagnose flights as recorded; if doubt is left, without moments that no effect describes."""
+    """Diagnose flights as recorded, then by each of `PASSES` in turn."""
     progress("predicting", 0.0)
     findings = analyse_problem(FlightProblem(tracks, nominal), check_residual, progress)
-    if findings.judgement.verdict not in UNCERTAIN_VERDICTS:
-        return findings
-    moments = find_transients(findings.problem, findings.search.best.fit)
-    if not moments:
-        return findings
-    progress("again without moments that do not fit", 0.6)
-    quiet = FlightProblem(exclude_spans(tracks, moments), nominal)
-    again = analyse_problem(quiet, check_residual, no_progress)
-    return excluding(again, tuple(chain.from_iterable(moments)))
+    for analyse_again in PASSES:
+        progress("analysing again", 0.6)
+        again = analyse_again(findings)
+        if again is not None:
+            before, now = findings.remainder.excluded, again.remainder.excluded
+            findings = excluding(again, tuple(dict.fromkeys((*before, *now))))
+    return findings
 
 
 def excluding(findings: FlightAnalysis, excluded: tuple[Finding, ...]) -> FlightAnalysis:
     """Return findings with the spans that were excluded before."""
     return replace(findings, remainder=replace(findings.remainder, excluded=excluded))
+
+
+def without_lost_memories(findings: FlightAnalysis) -> FlightAnalysis | None:
+    """Analyse what can be followed, where an effect with a memory is at work.
+
+    Findings that are explained without the effect need no second look.
+    """
+    judgement, problem = findings.judgement, findings.problem
+    effects = {effect for linear in problem.linears for effect in linear.lost}
+    if judgement.verdict not in UNCERTAIN_VERDICTS:
+        effects &= {*judgement.effects, *judgement.members}
+    lost = lost_memories(problem, effects)
+    left = exclude_spans(problem.tracks, lost) if lost else []
+    if not left:
+        return None
+    followed = FlightProblem(left, problem.nominal)
+    null = Explanation((), followed.null_hypothesis, 0.0)
+    ranked = rank_hypotheses(followed, null)
+    if not any(h.effect in effects for gain, h in ranked if gain > 0.0):
+        return None
+    again = analyse_problem(followed, check_residual, no_progress)
+    if not effects & {*again.judgement.effects, *again.judgement.members}:
+        return None
+    return excluding(again, tuple(chain.from_iterable(lost)))
+
+
+def in_swinging_air(findings: FlightAnalysis) -> FlightAnalysis | None:
+    """Analyse with the swing of a wind, where one is left and its mean is a cause.
+
+    A force that swings without a mean is neither wind nor gusts: it may be a push as well.
+    """
+    judgement, problem, best = findings.judgement, findings.problem, findings.search.best
+    if judgement.verdict not in UNCERTAIN_VERDICTS and "gusts" not in judgement.effects:
+        return None
+    # A map that is turned would turn the swing with it.
+    kept = [e for e in best.effects if REGISTRY[e].stage is not Stage.MOCAP]
+    tracks = with_swing(problem, restrict_to(problem, best, kept).fit)
+    if tracks is None:
+        return None
+    swinging = FlightProblem(tracks, problem.nominal)
+    again = analyse_problem(swinging, check_residual, no_progress)
+    if WIND in again.judgement.effects and along(tracks, *mean_wind(again)):
+        return again
+    return _without_gusts(findings)
+
+
+def without_transients(findings: FlightAnalysis) -> FlightAnalysis | None:
+    """Analyse doubtful findings without the moments that no effect describes."""
+    problem = findings.problem
+    if findings.judgement.verdict not in UNCERTAIN_VERDICTS:
+        return None
+    events = find_transients(problem, findings.search.best.fit)
+    if not events:
+        return None
+    quiet = FlightProblem(exclude_spans(problem.tracks, events), problem.nominal)
+    again = analyse_problem(quiet, check_residual, no_progress)
+    return excluding(again, tuple(chain.from_iterable(events)))
+
+
+PASSES: Sequence[Callable[[FlightAnalysis], FlightAnalysis | None]] = (
+    without_lost_memories, in_swinging_air, without_transients,
+)  # fmt: skip
+"""Further analyses in this order, each on the findings of the one before: None without a reason
+for it, or if it explains nothing more."""
+
+
+def _without_gusts(findings: FlightAnalysis) -> FlightAnalysis | None:
+    """Return findings whose gusts are an unknown force; None without gusts."""
+    left = findings.remainder
+    if left.gusts is None:
+        return None
+    left = replace(
+        left, gusts=None, clean=False, clean_where_explained=False, imitated={},
+        noise_log_bf={e: v for e, v in left.noise_log_bf.items() if e != "gusts"},
+        p_unexplained=max(left.p_unexplained, p_cause(left.gusts.evidence)),
+        unexplained_groups=tuple(dict.fromkeys((*left.unexplained_groups, "force"))),
+    )  # fmt: skip
+    judgement = judge(findings.problem.setting, findings.search, left)
+    return replace(findings, remainder=left, judgement=judgement)
+
+
+def mean_wind(findings: FlightAnalysis) -> tuple[float, float]:
+    """Return the velocity of the air along map x, y that the best explanation has [m/s]."""
+    places = layout()[WIND]
+    theta = findings.problem.final(findings.search.best.fit)
+    return float(theta[places["east"]]), float(theta[places["north"]])
 
 
 def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemainder:
@@ -133,7 +218,9 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
     rest = residual_excesses(measured, expected)
     gusts = None
     residual_r2 = 0.0
-    forces_unexplained = any(each.excess > 0.0 and each.of_forces for each in rest)
+    forces_unexplained = any(
+        each.excess > 0.0 and each.channel.startswith(FORCE_CHANNELS) for each in rest
+    )
     if forces_unexplained:
         residual_r2 = cross_validated_r2(problem, best, FORCE_CHANNELS)
     if (
@@ -142,7 +229,7 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
         and _share_of_one_flight(problem, best, expected) <= _MAX_SHARE_OF_ONE_FLIGHT
     ):
         gust_fit = fit_gusts(problem, replace(best, theta=theta), measured)
-        if gust_fit.evidence > least and gust_fit.stronger and not has_line(problem, best):
+        if gust_fit.evidence > least and gust_fit.stronger:
             gusts = gust_fit
             expected = with_healthy(noise_variances(problem, gust_fit.theta), nominal.healthy)
             rest = residual_excesses(measured, expected)
@@ -167,8 +254,13 @@ def _share_of_one_flight(problem: FlightProblem, fit: Fit, expected: ScaleVarian
         return 0.0
     excess = []
     for f in range(len(problem.tracks)):
-        rest = residual_excesses(residual_variances(problem, fit, (f,)), expected)
-        excess.append(sum(each.beyond for each in rest if each.of_forces))
+        variances = residual_variances(problem, fit, (f,))
+        each = [
+            e
+            for e in residual_excesses(variances, expected)
+            if e.channel.startswith(FORCE_CHANNELS)
+        ]
+        excess.append(sum(max((e.measured / e.expected) ** 2 - 1.0, 0.0) for e in each))
     return max(excess) / sum(excess) if sum(excess) > 0.0 else 0.0
 
 
@@ -259,11 +351,13 @@ def explained_excess(
     before: ScaleVariances, after: ScaleVariances, expected: ScaleVariances
 ) -> ExplainedExcess:
     """Return the shares of the excess over noise that an explanation removes."""
-    left = {each.channel: each.beyond for each in residual_excesses(after, expected)}
-    table = [
-        (channel_group(each.channel), each.beyond, left[each.channel])
-        for each in residual_excesses(before, expected)
-    ]
+    worst = {each.channel: each for each in residual_excesses(after, expected)}
+    table = []
+    for was in residual_excesses(before, expected):
+        now = worst[was.channel]
+        much = max((was.measured / was.expected) ** 2 - 1.0, 0.0)
+        less = max((now.measured / now.expected) ** 2 - 1.0, 0.0)
+        table.append((channel_group(was.channel), much, less))
     concerned = [row for row in table if row[2] < _MAX_EXCESS_LEFT_SHARE * row[1]]
     shares = [1.0 - less / much for _, much, less in concerned]
     return ExplainedExcess(

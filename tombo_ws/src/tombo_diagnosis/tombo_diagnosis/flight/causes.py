@@ -20,9 +20,11 @@ from tombo_diagnosis.engine.cause_estimates import (
     fitted_parameters,
 )
 from tombo_diagnosis.engine.model import Explanation
-from tombo_diagnosis.flight.analyse import FlightAnalysis
+from tombo_diagnosis.flight.analyse import FlightAnalysis, mean_wind
 from tombo_diagnosis.flight.fit.sensitivity import scatter_unit
+from tombo_diagnosis.flight.fit.track import WIND
 from tombo_diagnosis.flight.nominal import SCATTER, SCATTER_LABEL
+from tombo_diagnosis.flight.swing import swing_estimate
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.extended_model import FittedParameter
@@ -37,9 +39,12 @@ outside the candidates may have such a small effect."""
 def estimate_cause(effect: str, findings: FlightAnalysis, explanation: Explanation) -> Cause:
     """Return a cause with its parameters, from the fit of an explanation or of random effects."""
     theta, covariance = fitted_parameters(findings.problem, explanation, effect)
-    noise = _noise_estimate(effect, findings)
-    if noise[0]:
-        theta, covariance = _together((theta, covariance), noise)
+    besides = [_noise_estimate(effect, findings)]
+    if effect == WIND:
+        besides.append(swing_estimate(findings.problem, *mean_wind(findings)))
+    for estimate in besides:
+        if estimate[0]:
+            theta, covariance = _together((theta, covariance), estimate)
     if effect == SCATTER and not theta:
         theta, covariance = _scatter_estimate(findings, explanation)
     confidence = findings.judgement.each.get(effect, 0.0)

@@ -16,7 +16,12 @@ from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIR
 from tombo_diagnosis.engine.regression import Fit, solve
 from tombo_diagnosis.engine.verdict import analyse_problem
 from tombo_diagnosis.flight.analyse import FlightAnalysis, check_residual, excluding
-from tombo_diagnosis.flight.fit.prediction import motion_of, residuals, simulate_along_motion
+from tombo_diagnosis.flight.fit.prediction import (
+    motion_of,
+    residuals,
+    simulate_along_motion,
+    with_air,
+)
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.fit.sensitivity import with_scatter
 from tombo_diagnosis.flight.fit.track import TICK
@@ -221,6 +226,7 @@ def _window_errors(
     along = simulate_along_motion(track, nominal, theta, motion, draws)
     command = track.command if track.command.size else track.speed[:, :4]
     smooth = _smooth(motion.state, rates_measured=track.gyro.size > 0)
+    theta = with_air(track, theta)
     true = smooth[starts + ticks, :13]
 
     def flown(attitude_held: bool) -> Array:

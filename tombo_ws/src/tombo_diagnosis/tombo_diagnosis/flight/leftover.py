@@ -10,7 +10,6 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.signal import lombscargle
 
 from tombo_diagnosis.diagnosis import VARIABLES, Dependence, Leftover, LeftoverSamples
 from tombo_diagnosis.engine.regression import Fit
@@ -31,13 +30,6 @@ _MIN_R2 = 0.1
 """Share of the leftover of held-out flights that a variable has to predict."""
 _MAX_VARIABLES = 3
 """Named for each quantity."""
-_MIN_PERIODS, _MAX_LINE_HZ, _LINE_STEP = 3.0, 1.5, 0.2
-"""Frequencies that are tried for a line: periods in the shortest flight, highest frequency, and
-step over the inverse of that flight's duration."""
-_NEIGHBOURS = (1.5, 8.0)
-"""Steps of one period per flight between a line and its neighbours."""
-_MIN_LINE_RATIO, _MIN_LINE_SHARE = 10.0, 0.5
-"""Least power of a line over its neighbours', and least share of the force."""
 
 
 def flight_leftover(problem: FlightProblem, fit: Fit, groups: Collection[str] = ()) -> Leftover:
@@ -55,34 +47,6 @@ def flight_leftover(problem: FlightProblem, fit: Fit, groups: Collection[str] = 
         {q: _rms([s.body for s in each]) for q, each in measured.items()},
         tuple(s for each in measured.values() for s in each),
     )
-
-
-def has_line(problem: FlightProblem, fit: Fit) -> bool:
-    """Return whether most of the leftover horizontal force swings with one frequency.
-
-    Gusts have power at all frequencies. A line stands out of its neighbours in the spectrum of all
-    flights (Lomb's periodogram).
-    """
-    flights: dict[int, list[LeftoverSamples]] = {}
-    for f, track in enumerate(problem.tracks):
-        part = _samples(problem, fit, f, "force")
-        if part is not None:
-            flights.setdefault(id(track.log), []).append(part)
-    times = [np.concatenate([s.state["t"] for s in parts]) for parts in flights.values()]
-    forces = [np.concatenate([s.map[:, :2] for s in parts]) for parts in flights.values()]
-    length = min((float(np.ptp(t)) for t in times), default=0.0)
-    tried = np.arange(_MIN_PERIODS, _MAX_LINE_HZ * length, _LINE_STEP) / max(length, 1.0)
-    if tried.size < _NEIGHBOURS[1] / _LINE_STEP:
-        return False
-    powers = np.zeros(tried.size)
-    for t, force in zip(times, forces, strict=True):
-        for axis in force.T:
-            powers += 2.0 * lombscargle(t, axis - axis.mean(), 2.0 * np.pi * tried)
-    line = int(np.argmax(powers))
-    apart = np.abs(tried - tried[line]) * length
-    beside = powers[(apart > _NEIGHBOURS[0]) & (apart < _NEIGHBOURS[1])].mean()
-    total = sum(float(np.sum((force - force.mean(axis=0)) ** 2)) for force in forces)
-    return bool(powers[line] > max(_MIN_LINE_RATIO * beside, _MIN_LINE_SHARE * total))
 
 
 def dependences(quantity: str, flights: Sequence[LeftoverSamples]) -> list[Dependence]:

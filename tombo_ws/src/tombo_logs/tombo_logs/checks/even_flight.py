@@ -29,6 +29,8 @@ EVENT_WIDTH: Final = 0.02
 """Rates and drives in which events are looked for."""
 PUSH_WIDTH: Final = 0.008
 """An accelerometer in which pushes are looked for: they must keep their time."""
+INERTIAL_WIDTH: Final = 0.01
+"""IMU and commands where poses are missing."""
 
 RATE: Final = 50.0
 """Of the clock on which poses and IMU are compared [Hz]."""

@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from tombo_diagnosis.flight.fit.track import Track, smoothed
+from tombo_diagnosis.flight.fit.track import WIND, Track, smoothed
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
@@ -154,6 +154,19 @@ def _smooth_path(track: Track, position: Array, rotation: Array) -> tuple[Array,
     return position_imu + slow, velocity_imu + np.gradient(slow, tick, axis=0)
 
 
+_SWING = [layout()[WIND][n] for n in ("swing_east", "swing_north", "frequency", "phase")]
+
+
+def with_air(track: Track, theta: Array) -> Array:
+    """Return theta with the swing of the air that a flight has."""
+    swing = track.swing
+    if swing is None:
+        return theta
+    moved = theta.copy()
+    moved[_SWING] = swing.east, swing.north, swing.frequency, swing.phase
+    return moved
+
+
 def simulate_along_motion(
     track: Track,
     nominal: NominalModel,
@@ -169,7 +182,7 @@ def simulate_along_motion(
         hover = speed_for_thrust(nominal.maps, nominal.vehicle.hover_thrust())
         command = np.full((track.t.size, 4), hover)
     run_along_motion(
-        nominal.plant(draws), nominal.maps, theta, noise, track.step,
+        nominal.plant(draws), nominal.maps, with_air(track, theta), noise, track.step,
         motion.state, command, track.speed, out,
     )  # fmt: skip
     return out

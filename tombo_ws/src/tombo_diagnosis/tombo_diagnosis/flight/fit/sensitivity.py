@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.flight.fit.prediction import (
@@ -23,7 +24,7 @@ from tombo_diagnosis.flight.fit.track import TICK, Track
 from tombo_diagnosis.flight.noise import with_pose_noise
 from tombo_diagnosis.flight.nominal import SCATTER_LABEL, NominalModel
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.effects import REGISTRY
+from tombo_dynamics.effects import REGISTRY, Stage
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -31,6 +32,19 @@ Groups = dict[str, Array]
 
 _MAX_NOISE_SHARE = 0.1
 """Share of a slope's energy in a channel that noise may have."""
+_FOLLOWED = frozenset(
+    name
+    for name, e in REGISTRY.items()
+    if e.state and e.stage is Stage.WRENCH and not (e.stochastic or e.contact or e.vibration)
+)
+"""Effects whose force depends on the motion of before: it is followed from the log's begin."""
+_MAX_LOST_SHARE = 0.1
+"""Share of that force by which it may differ with other noise of the poses: beyond, the memory is
+lost. A thread that was slack makes a small difference grow tenfold in a second or two."""
+_LOST_WINDOW_S, _LOST_BEFORE_S = 0.5, 1.0
+"""s: over which the difference is taken; and how long before it shows it may have begun."""
+_REPLICAS = 3
+"""Draws of the noise that are compared."""
 ROTOR_DRAWS = 4
 """Draws of the vehicle that effects use: one a rotor."""
 
@@ -54,6 +68,8 @@ class Linearization:
     """The same for those of the vehicle's draws that do something."""
     draw_width: float = 1.0
     """Standard deviation of these unknowns in the nominal model."""
+    lost: Mapping[str, float] = field(default_factory=dict)
+    """Effect with a memory -> time after which poses of this noise no longer show it [s]."""
     noisy: Mapping[int, NDArray[np.bool_]] = field(default_factory=dict)
     """Index in theta -> (channels of the group slow): where its slope is noise of the poses, which
     is in the residuals too. There the slope is taken as zero: no evidence comes from it."""
@@ -124,10 +140,11 @@ def linearize(
             if change is not None:
                 slopes[p.index] = change
     noisy = {} if start is None else start.noisy
+    lost = {} if start is None else start.lost
+    if start is None:
+        lost = _lost_memories(here, slopes)
     if start is None and not nominal.calibrated:
-        again = with_pose_noise(track, nominal, theta, 0)
-        moved = motion_of(again, nominal, theta)
-        replica = _PredictedFlight(again, nominal, theta, moved)
+        replica = _replica(track, nominal, theta, 0)
         noisy = {
             i: _where_noise(replica, nominal.parameters[i], change)
             for i, change in slopes.items()
@@ -146,7 +163,42 @@ def linearize(
             change = _change(base, residuals(driver, nominal, spread, motion, drawn), 0.5)
             if change is not None:
                 draws[i] = change
-    return Linearization(theta, driver, start_along, motion, residual, slopes, draws, width, noisy)
+    return Linearization(
+        theta, driver, start_along, motion, residual, slopes, draws, width, lost, noisy
+    )
+
+
+def _replica(track: Track, nominal: NominalModel, theta: Array, seed: int) -> _PredictedFlight:
+    """Return the flight with the noise of its poses once more."""
+    again = with_pose_noise(track, nominal, theta, seed)
+    return _PredictedFlight(again, nominal, theta, motion_of(again, nominal, theta))
+
+
+def _lost_memories(here: _PredictedFlight, slopes: Mapping[int, Groups]) -> dict[str, float]:
+    """Return effect -> from when on the noise of the poses decides what it does [s].
+
+    A load that was thrown up by a quick flight falls back into its thread, and the smallest error
+    decides where it swings then.
+    """
+    group = "fast" if "fast" in here.residual else "slow"
+    times = here.track.times(group)
+    window = max(round(_LOST_WINDOW_S / float(np.median(np.diff(times)))), 1)
+    lost: dict[str, float] = {}
+    followed = [i for i in slopes if here.nominal.parameters[i].effect in _FOLLOWED]
+    for seed in range(_REPLICAS if followed else 0):
+        replica = _replica(here.track, here.nominal, here.theta, seed)
+        for index in followed:
+            p, change = here.nominal.parameters[index], slopes[index][group]
+            again = replica.slope(p)
+            if again is None:
+                continue
+            size = float(np.sqrt(np.mean(np.sum(change**2, axis=1))))
+            square = np.sum((again[group] - change) ** 2, axis=1)
+            apart = uniform_filter1d(square, window) > (_MAX_LOST_SHARE * size) ** 2
+            if apart.any():
+                begin = float(times[np.argmax(apart)]) - _LOST_BEFORE_S
+                lost[p.effect] = min(begin, lost.get(p.effect, begin))
+    return lost
 
 
 def _with_commanded_speeds(

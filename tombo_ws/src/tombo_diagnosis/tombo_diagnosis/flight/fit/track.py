@@ -103,6 +103,28 @@ SHORTEST_S = 2.0
 """s of undisturbed flight that a diagnosis needs."""
 
 
+WIND = "steady_wind"
+"""The effect that swings."""
+
+
+@dataclass(frozen=True)
+class Swing:
+    """How the air swung along a flight: parameters of `WIND`."""
+
+    east: float
+    """Amplitude along map x [m/s]."""
+    north: float
+    """[m/s]"""
+    frequency: float
+    """[Hz]"""
+    phase: float
+    """At the first tick [rad]."""
+    deviation: float
+    """Standard deviation of the amplitudes [m/s]."""
+    frequency_deviation: float
+    """Standard deviation [Hz]."""
+
+
 @dataclass(frozen=True)
 class Track(EvenFlight):
     """One flight at ticks, ready to be compared with the model.
@@ -124,6 +146,8 @@ class Track(EvenFlight):
     slow_rows: Mask
     pose_rows: Mask
     log: Flight
+    swing: Swing | None = None
+    """Of the air, that is simulated along it."""
 
     @property
     def command(self) -> Array:

@@ -1,13 +1,15 @@
-"""Transients of flights: short disturbances (a touch, a knock, a jump of the poses).
+"""Excluded spans of flights: transients, and where an effect's memory is lost.
 
-No effect describes them. A ground contact of 0.1 s leaves a remainder above the noise; the verdict
-of the whole flight would be unknown. Transients are found in the remainder of the best
-explanation; they are excluded and reported.
+Transients: short disturbances (a touch, a knock, a jump of the poses) that no effect describes.
+
+A ground contact of 0.1 s leaves a remainder above the noise. The verdict of the whole flight would
+be unknown. Transients are found in the remainder of the best explanation; they are excluded and
+reported.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -70,6 +72,27 @@ def _moments(problem: FlightProblem, fit: Fit, flight: int) -> list[Finding]:
         span = moment[0][0] - _AROUND_S, moment[-1][0] + _AROUND_S
         findings.append(Finding("moment", "fault", track.name, text, *span, channel))
     return findings
+
+
+def lost_memories(problem: FlightProblem, effects: Collection[str]) -> list[list[Finding]]:
+    """Return each flight's rest, in which the poses don't show what some effects do.
+
+    Empty if all of these effects can be followed.
+    """
+    lost = [
+        [
+            Finding(
+                "memory", "warning", track.name,
+                f"from {start:.1f} s on the noise of the poses decides what a "
+                f"{effect.replace('_', ' ')} does: set apart",
+                start, float(track.t[-1]),
+            )
+            for effect, start in linear.lost.items()
+            if effect in effects
+        ]
+        for track, linear in zip(problem.tracks, problem.linears, strict=True)
+    ]  # fmt: skip
+    return lost if any(lost) else []
 
 
 def exclude_spans(tracks: Sequence[Track], excluded: Sequence[Sequence[Finding]]) -> list[Track]:
