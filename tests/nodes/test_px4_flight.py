@@ -8,7 +8,6 @@ import subprocess
 import sys
 
 import pytest
-import yaml
 
 from in_time import in_time
 from tombo_bag.formats.reader import Bag
@@ -18,7 +17,7 @@ from tombo_dynamics.messages import Phase
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.px4_connection import find_vehicle, free_udp_port
-from tombo_px4.bridge.axes_proof import AxesEvidence
+from tombo_px4.bridge.axes_proof import AxesEvidence, AxesFile
 from tombo_px4.bridge.bridge_params import LinkParams
 
 pytest.importorskip("rclpy")
@@ -111,7 +110,7 @@ def test_ctrl_c_in_the_air_lands_the_vehicle(world, lab, domain, tmp_path):
     url, node = lab
     proof = tmp_path / "axes.yaml"
     record = AxesEvidence("2026-11-24T10:00:00+00:00", "lab", "544f4d424f", tilt_rad=(0.0, 0.0))
-    proof.write_text(yaml.safe_dump([record.as_mapping()]))
+    AxesFile(str(proof)).add(record)
     words = ("fly", "hover", "--px4", url, "--yes", "--domain", str(domain), "-o", "out", "--json")
     words += ("--set", "mission.height=1.2")
     words += ("--bridge", f"px4.axes_evidence={proof}", "--bridge", "px4.tracked_body=lab")

@@ -80,7 +80,7 @@ EDITS = (
 )
 USE = """
 from tombo_flight.flight import fly_scenario
-from tombo_flight.replay.outputs import NODES
+from tombo_flight.replay.compared import NODES
 from tombo_flight.run_wiring import run_wiring
 from tombo_flight.scenario import load_scenario
 from tombo_flight.suite.nodes import SUITE
