@@ -16,6 +16,7 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tombo_bag.columnar_cdr import encode
+from tombo_bag.formats import unpacking
 from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_bag.schemas import schema_text
@@ -272,6 +273,18 @@ def test_a_cut_compressed_file_gives_what_was_unpacked(tmp_path):
     with Recording(tmp_path / "run.mcap.zstd") as recording:
         assert len(recording.columns("/mocap/pose")["stamp_ns"]) == 40
         assert any("compressed file is cut off" in line for line in recording.damage)
+
+
+def test_a_compressed_file_is_unpacked_up_to_the_limit(tmp_path, monkeypatch):
+    path = write_mcap(tmp_path / "run.mcap")
+    (tmp_path / "run.mcap.zstd").write_bytes(zstandard.compress(path.read_bytes() + bytes(10**7)))
+    path.unlink()
+    monkeypatch.setattr(unpacking, "largest_size", lambda: 10**6)
+    with Recording(tmp_path / "run.mcap.zstd") as recording:
+        assert len(recording.columns("/mocap/pose")["stamp_ns"]) == 40
+        assert any("a quarter of the memory" in line for line in recording.damage)
+    with pytest.raises(ValueError, match="holds more than 1000000 bytes"):
+        unpacking.unpack("zstd", zstandard.compress(bytes(10**7)))
 
 
 def test_messages_that_do_not_fit_their_type_are_left_out_and_counted(tmp_path):

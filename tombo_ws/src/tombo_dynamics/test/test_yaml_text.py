@@ -6,10 +6,19 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.yaml_text import LARGEST, parse_yaml, read_yaml
 
 
+def nine_levels(width=9):
+    """Aliases that expand to 9^9 values."""
+    rows = ["a0: &a0 [" + ", ".join(["x"] * width) + "]"]
+    rows += [f"a{i}: &a{i} [" + ", ".join([f"*a{i - 1}"] * width) + "]" for i in range(1, 9)]
+    return "\n".join(rows)
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
         ("a: " + "[" * 100_000, "nested more than 40 deep"),
+        (nine_levels(), "more than 200000 values"),
+        ("a: &a [*a]", r"\*a stands within itself"),
         ("a: " + "9" * 5000, "a number of 5000 characters"),
         ("a: 1\nb: 2\na: 3", "line 3: key 'a' twice"),
         ("a: !!timestamp x", "does not fit its tag"),

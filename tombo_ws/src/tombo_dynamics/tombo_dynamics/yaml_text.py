@@ -15,6 +15,8 @@ LARGEST = 4_000_000
 """Bytes of a file; those of the suite have a few thousand."""
 _DEEPEST = 40
 """Lists and mappings within each other: the loader in C has no limit of its own."""
+_MOST_VALUES = 200_000
+"""Values; an alias counts with all values that it repeats."""
 _LONGEST_NUMBER = 64
 """Characters: any such number is within the range of a float."""
 _C_OR_PYTHON: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is ten times faster
@@ -71,13 +73,13 @@ def parse_yaml(text: str, what: str, *, as_text: bool = False) -> Any:
         as_text: leave numbers as they are written.
 
     Raises:
-        InputError: it is none, names a key twice, or is larger or deeper than any file of the
-            suite.
+        InputError: it is none, names a key twice, holds itself, or is larger, deeper or longer
+            than any file of the suite.
     """
     if len(text) > LARGEST:
         raise InputError(f"{what}: too large; accepted: YAML of up to {LARGEST} bytes")
     try:
-        _check_depth(text)
+        _check_size(text)
         loader = (_C_OR_PYTHON_TEXT if as_text else _Loader)(text)
         try:
             node = loader.get_single_node()
@@ -103,19 +105,35 @@ def _reason(error: Any) -> tuple[str, str]:
     return why, f" at line {mark.line + 1}" if mark is not None else ""
 
 
-def _check_depth(text: str) -> None:
-    """Refuse lists and mappings that nest too deep, while nothing is built yet.
+def _check_size(text: str) -> None:
+    """Bound depth and number of values, aliases written out, while nothing is built yet.
 
     Raises:
-        yaml.YAMLError: it nests too deep, or is no YAML.
+        yaml.YAMLError: beyond a bound, an alias of what it stands in, or no YAML.
     """
-    depth = 0
+    values = 0
+    extent: dict[str | None, int] = {}
+    open_anchors: list[tuple[str | None, int]] = []
     event: Any
     for event in yaml.parse(text, Loader=_C_OR_PYTHON):
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
+        why = ""
+        if isinstance(event, yaml.CollectionEndEvent):
+            anchor, before = open_anchors.pop()
+            extent[anchor] = values - before
+        elif isinstance(event, yaml.AliasEvent):
+            if any(anchor == event.anchor for anchor, _ in open_anchors):
+                why = f"*{event.anchor} stands within itself"
+            values += extent.get(event.anchor, 1)
+        elif isinstance(event, yaml.NodeEvent):
+            extent[event.anchor] = 1
+            values += 1
+            if isinstance(event, yaml.CollectionStartEvent):
+                open_anchors.append((event.anchor, values - 1))
+        if len(open_anchors) > _DEEPEST:
             why = f"nested more than {_DEEPEST} deep"
+        if values > _MOST_VALUES:
+            why = f"more than {_MOST_VALUES} values"
+        if why:
             raise yaml.MarkedYAMLError(problem=why, problem_mark=event.start_mark)
 
 

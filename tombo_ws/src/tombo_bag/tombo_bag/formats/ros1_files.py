@@ -40,8 +40,8 @@ class Ros1Reader(rosbag1.Reader):
         place = self.bio.tell()
         header = Header.read(self.bio)
         self.bio.seek(place)
-        how = header.get_string("compression")
-        return super().read_chunk()._replace(decompressor=lambda data: unpack(how, data))
+        how, size = header.get_string("compression"), header.get_uint32("size")
+        return super().read_chunk()._replace(decompressor=lambda data: unpack(how, data, size))
 
     def mend(self) -> list[str]:
         """Index all messages that are whole; return the losses, a line each.

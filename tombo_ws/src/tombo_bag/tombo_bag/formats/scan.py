@@ -161,7 +161,7 @@ def open_chunk(place: ChunkPlace) -> bytes | memoryview:
         ValueError: it can't be read, and why.
     """
     try:
-        data: bytes | memoryview = unpack(place.compression, place.data)
+        data: bytes | memoryview = unpack(place.compression, place.data, place.size)
         if place.whole and len(data) != place.size:
             raise ValueError(f"{len(data)} bytes instead of {place.size}")
         if place.whole and place.checksum and zlib.crc32(data) != place.checksum:

@@ -1,8 +1,9 @@
-"""Unpack compressed files, chunks and messages; of a cut one, its beginning."""
+"""Unpack compressed files, chunks and messages, up to a size; of a cut one, its beginning."""
 
 from __future__ import annotations
 
 import gzip
+import os
 import zlib
 from collections.abc import Iterator
 from functools import partial
@@ -11,30 +12,41 @@ from typing import Any, BinaryIO
 GZIP_MAGIC = b"\x1f\x8b"
 _PIECE = 4096
 """Compressed bytes that are unpacked at once."""
+_MEMORY_SHARE = 0.25
+"""Of the memory for a file, whose messages are there as bytes and again as columns."""
 
 
-def unpack(how: str, data: Any) -> Any:
+def largest_size() -> int:
+    """Return how many bytes a file, a chunk or a message is unpacked to."""
+    return int(_MEMORY_SHARE * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+
+
+def unpack(how: str, data: Any, size: int | None = None) -> Any:
     """Unpack a chunk or a message; of one that is cut, its beginning.
 
     Args:
         how: "zstd", "lz4", "bz2", or nothing.
         data: compressed bytes.
+        size: that it should have [bytes], if known.
 
     Raises:
-        ValueError: it can't be unpacked.
+        ValueError: it can't be unpacked, or is larger than `size` or `largest_size`.
     """
     import bz2
 
     import zstandard
     from lz4.frame import LZ4FrameDecompressor
 
+    most = largest_size() if size is None else size
     try:
+        if most > largest_size() or (how == "zstd" and zstandard.frame_content_size(data) > most):
+            raise ValueError(f"it holds more than {min(most, largest_size())} bytes")
         if how == "zstd":
             return zstandard.ZstdDecompressor().decompressobj().decompress(data)
         if how == "lz4":
-            return LZ4FrameDecompressor().decompress(bytes(data))
+            return LZ4FrameDecompressor().decompress(bytes(data), max_length=most)
         if how == "bz2":
-            return bz2.BZ2Decompressor().decompress(data)
+            return bz2.BZ2Decompressor().decompress(data, most)
     except (zstandard.ZstdError, RuntimeError, OSError, EOFError, MemoryError) as error:
         raise ValueError((str(error) or "not enough memory").splitlines()[0]) from error
     if how in ("", "none"):
@@ -43,12 +55,21 @@ def unpack(how: str, data: Any) -> Any:
 
 
 def unpack_file(source: BinaryIO, out: BinaryIO) -> str:
-    """Unpack a file packed as a whole by zstd or gzip; return its damage, or nothing."""
+    """Unpack a file packed as a whole by zstd or gzip; return its damage, or nothing.
+
+    Beyond `largest_size` it counts as damaged.
+    """
     import zstandard
 
+    left = largest_size()
     try:
         for piece in _pieces(source):
-            out.write(piece)
+            out.write(piece[:left])
+            left -= len(piece)
+            if left < 0:
+                return (
+                    "the compressed file holds more than a quarter of the memory; read up to there"
+                )
     except EOFError:
         return "the compressed file is cut off; read up to there"
     except (zstandard.ZstdError, zlib.error, gzip.BadGzipFile) as error:
