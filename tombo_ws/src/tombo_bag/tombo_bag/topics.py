@@ -119,7 +119,7 @@ MARKERS = TopicSpec(
     "visualization_msgs/msg/MarkerArray",
     EVENT,
     0.0,
-    "obstacle, x_c, x_r, for RViz and Foxglove",
+    "obstacle, discs, x_c, x_r, for RViz and Foxglove",
 )
 TF = TopicSpec(
     "/tf",

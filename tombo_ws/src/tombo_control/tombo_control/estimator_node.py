@@ -1,17 +1,19 @@
-"""The estimator as a node: IMU and mocap poses in, odometry out, and /tf."""
+"""The estimator as a node: IMU and mocap poses in, odometry out, and the vehicle's discs."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from tombo_bag.topics import ODOMETRY, TF
+from tombo_bag.markers import disc_markers
+from tombo_bag.topics import MARKERS, ODOMETRY, TF
 from tombo_control.estimator import nearest_tick
 from tombo_control.estimator_core import EstimatorCore
+from tombo_dynamics.rotation import rotate_vector
 from tombo_ros.core_node import CoreNode, main_of
 from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.transforms import TransformPublisher
 
-_TF_TICKS = 20
+_TF_TICKS, _DISC_TICKS = 20, 100
 
 
 class EstimatorNode(CoreNode):
@@ -22,14 +24,23 @@ class EstimatorNode(CoreNode):
     """
 
     def __init__(self) -> None:
-        """Advertise the transforms."""
+        """Advertise what is drawn."""
         super().__init__(EstimatorCore, priority=ESTIMATOR)
+        self._markers = self.advertise(MARKERS)
         self._transforms = TransformPublisher(self.advertise(TF))
+        self._hubs = self.records["vehicle"].rotor_positions()
 
     def on_published(self, topic: str, message: Any) -> None:
-        """Publish the transform of an estimate now and then."""
-        if topic == ODOMETRY.name and nearest_tick(message.stamp_ns) % _TF_TICKS == 0:
+        """Publish the transform and the discs of an estimate now and then."""
+        if topic != ODOMETRY.name:
+            return
+        tick = nearest_tick(message.stamp_ns)
+        if tick % _TF_TICKS == 0:
             self._transforms.send(message.stamp_ns, message.position, message.attitude)
+        if tick % _DISC_TICKS == 0:
+            hubs = [message.position + rotate_vector(message.attitude, hub) for hub in self._hubs]
+            radius = self.records["vehicle"].rotor_radius
+            self._markers.publish(disc_markers(message.stamp_ns, hubs, message.attitude, radius))
 
 
 main = main_of(EstimatorNode)
