@@ -73,10 +73,11 @@ def test_the_same_flight_again_gives_the_same_bytes(tombo, tmp_path):
 
 def test_options_reach_the_flight(tombo, tmp_path):
     summary = tombo(
-        "fly", "--set", "propeller={conf: 9, law: published}", "--reaction", "none", "--json",
-        "--set", "duration=2", "--set", "vehicle.mass=0.9",
+        "fly", "--conf", "9", "--law", "published", "--reaction", "none", "--no-record", "--json",
+        "--set", "propeller.conf=10", "--set", "duration=2", "--set", "vehicle.mass=0.9",
     ).json  # fmt: skip
 
     assert (summary["conf"], summary["law"], summary["reaction"]) == (9, "published", "none")
     (folder,) = (tmp_path / "runs").iterdir()
     assert yaml.safe_load((folder / "scenario.yaml").read_text())["vehicle"]["mass"] == 0.9
+    assert not (folder / "flight.mcap").exists()

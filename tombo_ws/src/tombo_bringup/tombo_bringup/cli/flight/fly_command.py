@@ -33,8 +33,8 @@ _RULES: tuple[options.Rule, ...] = (
     ("speed", ("nodes",), ("px4", "lockstep")),
     ("lockstep", ("nodes",), ()),
     ("domain", ("nodes", "px4"), ()),
-    ("nodes", (), ("seeds",)),
-    ("px4", (), ("nodes", "seeds")),
+    ("nodes", (), ("seeds", "no_record")),
+    ("px4", (), ("nodes", "seeds", "no_record")),
     *PX4_RULES,
 )
 
@@ -61,6 +61,7 @@ class _Fly:
         "the machine can: the same flight to the last bit.",
         False,
     )
+    no_record: bool = option("--no-record", "Write no flight.mcap.", False)
 
 
 @command(app, lab=True, epilog=EXIT_CODES, expand=expand_url_option)
@@ -69,6 +70,7 @@ def fly(
     draw: options.Draw,
     several: options.Seeds,
     variation: options.Variation,
+    propeller: options.Propeller,
     px4: Px4Options,
     pace: options.Pace,
     domain: options.Domain,
@@ -88,6 +90,7 @@ def fly(
     real = px4.url is not None and more.scenario is None
     seed, scenario = draw.seed or 0, more.scenario or (_REAL if real else _SIMULATED)
     fixed = [*([_REAL_HEIGHT] if real else []), *variation.changes]
+    fixed += [f"propeller.{k}={v}" for k, v in vars(propeller).items() if v is not None]
     chosen = load_scenario(scenario, fixed, variation.model, variation.vehicle)
     rest = f"{many.start}-{many.stop}" if many else str(seed)
     rest += "-px4" if px4.px4 is not None else "-nodes" if more.nodes else ""
@@ -110,7 +113,7 @@ def fly(
             yes=px4.yes,
         )
     elif many is None:
-        code = _fly_one(chosen, seed, folder, place.as_json)
+        code = _fly_one(chosen, seed, folder, not more.no_record, place.as_json)
     else:
         from tombo_bringup.cli.result_files import run_sweep
         from tombo_flight.sweep.design import SweepDesign
@@ -139,7 +142,7 @@ def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
     return seeds
 
 
-def _fly_one(scenario: Scenario, seed: int, place: Place, as_json: bool) -> int:
+def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
     """Rehearse the scenario, fly it, write its files and show its page; return the exit code."""
     from tombo_bringup.cli.progress import progress_bar
     from tombo_flight.flight_output import fly_into, warm_up_flight
@@ -149,7 +152,7 @@ def _fly_one(scenario: Scenario, seed: int, place: Place, as_json: bool) -> int:
         on_progress("loading", 0.0)
         warm_up_flight(scenario)
         with StopSignals() as stop, place.open() as folder:
-            flight = fly_into(folder, scenario, seed, stop, on_progress=on_progress)
+            flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
             names = sorted(p.name for p in folder.staging.iterdir())
             folder.publish()
     if not as_json and stop.asked() and not flight.summary["interrupted"]:
