@@ -17,7 +17,7 @@ from tombo_dynamics.time_base import SECOND_NS
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_metrics import TRIGGER_NAMES
 from tombo_flight.flight_output import write_mcap
-from tombo_flight.replay.compared import compare_node
+from tombo_flight.replay.compared import compare_streams
 from tombo_flight.replay.run import ReplayRequest, replay_bag
 from tombo_flight.scenario import load_scenario
 
@@ -177,7 +177,7 @@ def test_differences_are_replayed_minus_recorded():
         {"/collision_event": (np.array([known_ns]), [event])}
         for known_ns, event in ((seen.stamp_ns, seen), (seen.stamp_ns + 30_000_000, later))
     )
-    found = compare_node("detector", recorded, replayed, 0, None)
+    found = compare_streams("detector", recorded, replayed, 0, None)
     assert found.values["detection_time_difference_ms"] == [20.0]
     assert found.values["known_time_difference_ms"] == [30.0]
     assert found.differences == ["detection differs by 20.000 ms", "x_c differs by 3.000 mm"]

@@ -66,6 +66,13 @@ def test_nobody_at_the_other_end_is_said():
         find_vehicle(connection.link, patience_s=0.3)
 
 
+def test_another_system_is_named_and_how_to_reach_it():
+    with speaking(7, 2) as url, pytest.raises(
+        InputError, match=r"system 7 speaks here, waiting for 1: set link.system=7"
+    ):  # fmt: skip
+        find_vehicle(LinkParams(url=url), patience_s=0.5)
+
+
 def test_an_autopilot_that_is_no_px4_is_refused():
     with speaking(1, autopilot=3) as url, pytest.raises(InputError, match="autopilot 3 is no PX4"):
         find_vehicle(LinkParams(url=url), patience_s=60.0)

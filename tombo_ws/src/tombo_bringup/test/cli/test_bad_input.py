@@ -51,7 +51,7 @@ REFUSED = [
     ("fly hover --domain 3", "--domain: accepted: with --nodes or --px4"),
     ("fly hover --nodes --seeds 0:3", "--nodes: accepted: without --seeds"),
     ("fly hover --nodes --speed -1", "speed -1: out of bounds"),
-    ("fly hover --px4 --nodes", "--px4: accepted: without --nodes and --seeds"),
+    ("fly hover --px4 --nodes", "--px4: accepted: without --nodes, --seeds and --no-record"),
     ("fly hover --px4 ''", "link '' is no URL of a link"),
     ("fly hover --px4 /dev/ttyUSB0", "is no URL of a link; accepted: udpin://HOST:PORT"),
     ("fly hover --px4 udpin://0.0.0.0:14540 --yes", "--bridge link.allow_remote=true"),

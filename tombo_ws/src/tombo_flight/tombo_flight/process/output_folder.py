@@ -123,7 +123,9 @@ def open_output(
     Raises:
         InputError: a file, not empty and `replace` is False, or not writable; the disk is full.
     """
-    made = [place for place in (path, *path.parents) if not os.path.lexists(place)]
+    made = missing_folders(path)
+    if not numbered and path.exists() and not path.is_dir():
+        raise InputError(f"output folder '{path}': it is a file; accepted: a folder, new or empty")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if numbered:
@@ -138,7 +140,7 @@ def open_output(
             )
         folder = OutputFolder(path, results, replace=replace)
     except OSError as error:
-        _remove_empty(made)
+        remove_empty(made)
         raise InputError(
             f"output folder '{path}': it can't be written ({error.strerror}); accepted: a folder, "
             "new or empty, in a place that can be written"
@@ -153,10 +155,15 @@ def open_output(
         raise
     finally:
         shutil.rmtree(folder.staging, ignore_errors=True)
-        _remove_empty(made)
+        remove_empty(made)
 
 
-def _remove_empty(folders: Iterable[Path]) -> None:
+def missing_folders(path: Path) -> list[Path]:
+    """Return the folder and its parents that are not there yet, the innermost first."""
+    return [place for place in (path, *path.parents) if not os.path.lexists(place)]
+
+
+def remove_empty(folders: Iterable[Path]) -> None:
     """Remove those folders that are empty, in this order."""
     for folder in folders:
         with suppress(OSError):

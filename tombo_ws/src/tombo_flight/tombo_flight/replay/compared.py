@@ -157,7 +157,7 @@ class NodeComparison:
     """Figures beyond their tolerances."""
 
 
-def compare_node(
+def compare_streams(
     node: str,
     recorded: Mapping[str, Stream],
     replayed: Mapping[str, Stream],

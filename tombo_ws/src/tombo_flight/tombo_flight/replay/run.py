@@ -20,7 +20,7 @@ from tombo_flight.replay.compared import (
     NOTHING,
     NodeComparison,
     Stream,
-    compare_node,
+    compare_streams,
     needed_inputs,
 )
 from tombo_flight.replay.cores import Inputs, through_core
@@ -144,7 +144,7 @@ def replay_bag(path: Path, request: ReplayRequest) -> Replay:
                 if (there := recording.topics.get(topic)) is not None
                 and there.typename == TOPICS[topic].typename
             }
-            found = compare_node(node, recorded, published, result.begin_ns, contacts_ns)
+            found = compare_streams(node, recorded, published, result.begin_ns, contacts_ns)
             _add_counts(found, counted)
             result.nodes[node] = found
             result.published |= published

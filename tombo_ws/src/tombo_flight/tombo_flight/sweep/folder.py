@@ -20,7 +20,14 @@ import numpy as np
 
 from tombo_dynamics.errors import InputError
 from tombo_flight.json_text import as_json
-from tombo_flight.process.output_folder import RESULT_FILES, make_numbered, whole_file, write_whole
+from tombo_flight.process.output_folder import (
+    RESULT_FILES,
+    make_numbered,
+    missing_folders,
+    remove_empty,
+    whole_file,
+    write_whole,
+)
 from tombo_flight.process.study import Flown, Task, fly_tasks
 from tombo_flight.sweep.study import SweepStudy
 
@@ -156,7 +163,7 @@ def open_sweep(
 ) -> Iterator[SweepFolder]:
     """Open the folder of a sweep: a new or empty one, or that of the same sweep, to go on with.
 
-    A new one is gone again where not one flight was flown.
+    A new one, with the parents made for it, is gone again where not one flight was flown.
 
     Args:
         folder: the folder; its parents are made as needed.
@@ -168,6 +175,7 @@ def open_sweep(
         InputError: something else is in it, another process flies it, or it can't be written.
     """
     new = numbered or not folder.exists()
+    parents = missing_folders(folder.parent)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         if numbered:
@@ -193,6 +201,7 @@ def open_sweep(
                 (folder / HEAD).unlink(missing_ok=True)
                 if new:
                     shutil.rmtree(folder)
+                    remove_empty(parents)
 
 
 @contextmanager
