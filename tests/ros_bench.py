@@ -159,7 +159,7 @@ class Counterpart:
                 if spec.name in self.inputs:
                     there = self.node.count_publishers(spec.name)
                 else:
-                    there = self._publisher(spec).subscriber_count
+                    there = self._publisher(spec)._publisher.get_subscription_count()
                 if there >= others:
                     break
                 assert time.monotonic() < end, f"nobody at the other end of {spec.name}"

@@ -63,12 +63,6 @@ def test_no_page_is_longer_than_a_reader_reads(page):
     assert count <= WORDS_ON_A_PAGE or page.name == "CONTRIBUTING.md"
 
 
-def test_the_glossary_is_short_and_lists_a_term_once():
-    assert 0 < len(GLOSSARY) <= 120  # names that a reader needs; the rest is in docstrings
-    assert {len(row) for row in GLOSSARY} == {4}
-    assert len({row[0] for row in GLOSSARY}) == len(GLOSSARY)
-
-
 def test_names_of_the_glossary_are_in_the_code(words):
     code = [found for path, found in words.items() if SRC in path.parents and path.suffix != ".sh"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,7 @@ def compared(tmp_path: Path, a: Messages, b: Messages, kind: str = POSE) -> Comp
 
 
 def test_changed_field_is_named_with_time_and_size(tmp_path):
-    (topic,) = compared(tmp_path, poses(), changed({7: 3.75, 9: 2.5})).as_list()
+    topic = asdict(compared(tmp_path, poses(), changed({7: 3.75, 9: 2.5})).topics[0])
     (field,) = topic.pop("fields")
     assert topic == {
         "topic": "/pose", "messages_a": 20, "messages_b": 20, "only_in_a": 0, "only_in_b": 0,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -96,10 +96,6 @@ class Comparison:
     def equal(self) -> bool:
         """Whether all compared topics are equal."""
         return all(topic.equal for topic in self.topics)
-
-    def as_list(self) -> list[dict[str, Any]]:
-        """Return a mapping for each topic, as `compare.json` has it."""
-        return [asdict(topic) for topic in self.topics]
 
 
 def compare_recordings(a: str | Path, b: str | Path, topics: Sequence[str] = ()) -> Comparison:

@@ -135,10 +135,6 @@ class Airframe:
     """[s]"""
 
 
-def _no_ticks() -> Array:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True)
 class Flight:
     """A flight; unknown parts are empty."""
@@ -149,7 +145,7 @@ class Flight:
     """Short and unique among the flights of one diagnosis."""
     source: str = ""
     """File that it was read from, and its kind; empty: it was flown here."""
-    t: Array = field(default_factory=_no_ticks)
+    t: Array = field(default_factory=lambda: np.zeros(0))
     """(N,) time of each tick [s], from 0 in steps of 1 ms."""
     log: Mapping[str, Array] = field(default_factory=dict)
     """Truth and the autopilot's set points, tick by tick: the columns (N, k) of

@@ -177,7 +177,7 @@ class Recording:
         if len(lost) == number:
             columns_of(typename, raw.messages[:1], types)  # says why
         if lost:
-            self._note(f"{len(lost)} of {number} messages of {topic} don't fit {typename}")
+            self._notes.append(f"{len(lost)} of {number} messages of {topic} don't fit {typename}")
         return {**{key: np.delete(of, lost) for key, of in times.items()}, **table}
 
     def _rename(self, names: Mapping[str, str]) -> dict[str, str]:
@@ -206,7 +206,7 @@ class Recording:
             except InputError as error:
                 if len(paths) == 1:
                     raise
-                self._note(str(error).partition("; accepted")[0])
+                self._notes.append(str(error).partition("; accepted")[0])
 
     def _bodies(self) -> list[BagFile]:
         def read(file: BagFile, topic: str) -> RawMessages:
@@ -215,7 +215,7 @@ class Recording:
         try:
             return list(bodies_in(self.files, read))
         except InputError as error:
-            self._note(str(error).partition("; accepted")[0])
+            self._notes.append(str(error).partition("; accepted")[0])
             return []
 
     def _files_of_folder(self) -> list[Path]:
@@ -224,7 +224,7 @@ class Recording:
         described = self.path / "metadata.yaml"
         if described.is_file():
             for name in self._listed(described) - {path.name for path in there}:
-                self._note(f"{name}, which metadata.yaml names, is missing")
+                self._notes.append(f"{name}, which metadata.yaml names, is missing")
         return there
 
     def _listed(self, described: Path) -> set[str]:
@@ -234,7 +234,7 @@ class Recording:
             names = content["rosbag2_bagfile_information"]["relative_file_paths"]
             return {Path(str(name)).name for name in names}
         except (InputError, TypeError, LookupError):
-            self._note("metadata.yaml can't be read")
+            self._notes.append("metadata.yaml can't be read")
             return set()
 
     def _open(self, path: Path) -> BagFile:
@@ -267,16 +267,12 @@ class Recording:
         with path.open("rb") as source, target.open("wb") as out:
             wrong = unpack_file(source, out)
         if wrong:
-            self._note(f"{path.name}: {wrong}")
+            self._notes.append(f"{path.name}: {wrong}")
         return target
 
     def _is_unpacked(self, path: Path) -> bool:
         """Whether a file was unpacked here; none holds another."""
         return self._unpacked is not None and path.parent == Path(self._unpacked.name)
-
-    def _note(self, text: str) -> None:
-        if text not in self._notes:
-            self._notes.append(text)
 
 
 _KINDS: dict[bytes, Callable[[Path], BagFile]] = {

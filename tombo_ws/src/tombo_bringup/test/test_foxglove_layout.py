@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,33 +28,6 @@ PART = re.compile(
 
 def kind(panel: str) -> str:
     return panel.partition("!")[0]
-
-
-def panels_of(node: Any) -> Iterator[str]:
-    """Names of panels in a tree of splits."""
-    if isinstance(node, str):
-        yield node
-        return
-    assert set(node) == {"direction", "first", "second", "splitPercentage"}
-    assert node["direction"] in {"row", "column"}
-    assert 5 <= node["splitPercentage"] <= 95
-    yield from panels_of(node["first"])
-    yield from panels_of(node["second"])
-
-
-def shown() -> list[str]:
-    found = list(panels_of(LAYOUT["layout"]))
-    for panel in list(found):
-        for tab in PANELS[panel].get("tabs", []):
-            assert tab["title"]
-            found += panels_of(tab["layout"])
-    return found
-
-
-def test_every_panel_has_its_place_and_settings():
-    assert sorted(shown()) == sorted(PANELS)
-    keys = {"configById", "globalVariables", "layout", "playbackConfig", "userNodes"}
-    assert set(LAYOUT) == keys
 
 
 # --- Paths ------------------------------------------------------------------------------------
@@ -120,6 +92,3 @@ def test_a_state_leads_to_a_value(path: str):
 )
 def test_a_raw_message_is_of_a_topic(path: str):
     assert value_type(path)
-
-
-# --- The scene --------------------------------------------------------------------------------

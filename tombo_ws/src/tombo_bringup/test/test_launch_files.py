@@ -11,13 +11,11 @@ import launch_bench as bench
 import pytest
 
 from tombo_flight.suite.nodes import PX4_SUITE, SUITE
-from tombo_sim.wiring import CORES
 
 FILES = sorted(path.name for path in bench.LAUNCH.glob("*.launch.py"))
 PARTS = ("sim.launch.py", "control.launch.py", "collision.launch.py", "recorder.launch.py")
 LAUNCHED = (*PARTS, "suite.launch.py", "px4.launch.py")
 NODES = set(SUITE)
-OPTIONS = {core.name: core.options for core in CORES}
 MODULES = {*SUITE.values(), *PX4_SUITE.values()}
 
 
@@ -43,10 +41,6 @@ def one(started: list, name: str) -> bench.Started:
 
 def names(started: list) -> list[str]:
     return sorted(node.name.split("/")[-1] for node in started)
-
-
-def test_there_are_the_files_that_the_docs_name():
-    assert {*LAUNCHED, "fly.launch.py", "multi.launch.py"} == set(FILES)
 
 
 @pytest.mark.parametrize("file", LAUNCHED)
@@ -135,15 +129,6 @@ def test_common_arguments_reach_every_node(file: str, tmp_path: Path):
         assert node.parameters["use_sim_time"] is True
         assert node.words == ["--log-level", "debug"]
         assert node.files == [mine]
-
-
-def test_every_parameter_that_is_given_is_one_of_the_node():
-    for node in bench.launch("suite.launch.py", record="a"):
-        module = entry_points(node.package)[node.executable].split(":")[0]
-        source = (bench.SRC / node.package / (module.replace(".", "/") + ".py")).read_text()
-        options = OPTIONS.get(node.name.strip("/"), {}).keys()
-        for name in node.parameters.keys() - {"use_sim_time"} - options:
-            assert re.search(rf'declare\(\s*"{name}"', source), f"{node.name}: {name}"
 
 
 @pytest.mark.parametrize(

@@ -1,26 +1,12 @@
 import signal
 import socket
-import subprocess
 import time
 
 import pytest
-from px4_process import TOMBO, free_ports, px4_process, read_until
+from px4_process import px4_process, read_until
 from pymavlink.dialects.v20 import common as mavlink
 
 from tombo_px4.bridge.vehicle_parameters import EV_DELAY, FLIGHT_PARAMETERS
-
-
-def run(*options, timeout=120.0):
-    """Run `tombo px4` to its end."""
-    done = subprocess.run(
-        [*TOMBO, *options], capture_output=True, text=True, timeout=timeout, check=False
-    )
-    return done.returncode, done.stdout, done.stderr
-
-
-def ports():
-    port, ground = free_ports()
-    return ["--port", str(port), "--ground-port", str(ground)]
 
 
 def listen(port):
@@ -58,14 +44,6 @@ def test_it_speaks_to_both_ports_and_stops_well_when_it_is_asked_to(number):
         lines = read_until(px4.process, "stopped after")
         assert px4.process.wait(timeout=60.0) == 0
         assert not any("Traceback" in line for line in lines)
-
-
-@pytest.mark.slow
-def test_a_busy_port_is_one_line_and_exit_code_2(refused):
-    given = ports()
-    for own in (int(given[1]) + 40, int(given[1]) + 4030):
-        with listen(own):
-            refused(("px4", *given), str(own), "in use")
 
 
 @pytest.mark.slow

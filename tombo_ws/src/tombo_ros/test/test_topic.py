@@ -33,7 +33,7 @@ class _Speaker:
 
 def _meet(*speakers: _Speaker) -> None:
     end = time.monotonic() + 60.0
-    while any(s.output.subscriber_count == 0 for s in speakers):
+    while any(s.output._publisher.get_subscription_count() == 0 for s in speakers):
         assert time.monotonic() < end
         time.sleep(0.01)
 

@@ -71,6 +71,8 @@ class LoopNode(ABC):
     """In simulated time: True runs the loop for each message too, False at its rate alone."""
     publishes_clock = False
     """True: this node publishes /clock; it runs by the wall clock."""
+    exit_code = 0
+    """Of the process, where the node ends in order."""
 
     def __init__(
         self,
@@ -418,7 +420,7 @@ def run(
         rclpy.shutdown()
         for number in (signal.SIGINT, signal.SIGTERM):  # Python is about to forget our handler
             signal.signal(number, signal.SIG_IGN)
-    return code
+    return max([code, *(node.exit_code for node in nodes)])
 
 
 def _refuse(message: str) -> int:

@@ -23,9 +23,10 @@ from tombo_bag.sequence_counter import SequenceCounter
 from tombo_bag.topics import CLOCK, TOPICS, TopicSpec
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
+from tombo_ros.core_node import main_of
 from tombo_ros.health import ERROR
 from tombo_ros.lockstep import LockstepMember
-from tombo_ros.node_loop import LoopNode, run
+from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import RECORDER
 from tombo_ros.qos import UNCOUNTED, lockstep_spec
 from tombo_ros.topic import ReceivedMessage, message_class, subscribe_polled
@@ -52,7 +53,7 @@ class RecordedTopic:
         self._node = node
         self._kind = message_class(typename)
         self._has_publisher = False
-        self.taken = 0
+        self.received = self.taken = 0
         """Messages recorded."""
         self._subscribe(qos)
 
@@ -81,18 +82,13 @@ class RecordedTopic:
             received = info["received_timestamp"]
             self.sequence_counter.seen(info["publication_sequence_number"])
             write(self.name, message, received, info["source_timestamp"] or received)
-            self.taken += 1
+            self.received = self.taken = self.taken + 1
             item = self._take(self._kind, True)
 
     @property
     def handle(self) -> Any:
         """The subscription as the middleware's wait sets know it."""
         return self._subscription.handle
-
-    @property
-    def received(self) -> int:
-        """How many messages have come."""
-        return self.taken
 
     def waiting_number(self) -> int:
         """Record all that has come; return how many messages are left."""
@@ -113,7 +109,6 @@ class RecorderNode(LoopNode):
     def __init__(self) -> None:
         super().__init__("recorder", POLLS_HZ, priority=RECORDER)
         self.sim_time = False
-        self.exit_code = 0
         self._started_ns = time.time_ns()
         self._stopped_ns = 0
         self._undescribed: dict[str, str] = {}
@@ -262,10 +257,6 @@ class RecorderNode(LoopNode):
         if offers:
             source.relax_qos(weakest_qos(map(_offered, offers)))
         self.sink.add_topic(source.name, source.typename, source.qos)
-        others = {offer.topic_type for offer in offers} - {source.typename}
-        if others:
-            text = f"{source.name}: {min(others)} is not recorded, {source.typename} is"
-            self.health.fault(f"second_type.{source.name}", True, text)
 
     def _subscribe(
         self, name: str, typename: str, qos: Qos, *, warn_if_unknown: bool = True
@@ -325,10 +316,7 @@ class RecorderNode(LoopNode):
     def _log_summary(self) -> None:
         seconds = (self._stopped_ns - self._started_ns) / SECOND_NS
         counters = [counter for counter in self._counters.values() if counter.messages]
-        uncounted = sum(counter.multiple_publishers for counter in counters)
-        lost = lost_text(self._counters)
-        if uncounted:
-            lost += f" (not countable on {uncounted} topics with several publishers)"
+        lost = f"lost {_lost(self._counters)}"
         if self.sink.unwritten:
             lost += f", {self.sink.unwritten} could not be written"
         sys.stdout.write(
@@ -336,16 +324,6 @@ class RecorderNode(LoopNode):
             f" {lost}, {self.sink.size / 1e6:.1f} MB: {self.sink.target}\n"
         )
         sys.stdout.flush()
-
-
-def lost_text(counters: Mapping[str, SequenceCounter]) -> str:
-    """Return how much was lost: of how many, and on which topic most."""
-    lost = _lost(counters)
-    if not lost:
-        return "lost 0"
-    sent = lost + sum(counter.messages for counter in counters.values())
-    name, worst = max(counters.items(), key=lambda item: item[1].lost)
-    return f"lost {lost} of {sent} ({100.0 * lost / sent:.2g} %), most on {name} ({worst.lost})"
 
 
 def _lost(counters: Mapping[str, SequenceCounter]) -> int:
@@ -381,17 +359,7 @@ def _qos(depth: int, reliable: bool, latched: bool) -> Qos:
     )
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Run the recorder."""
-    made: list[RecorderNode] = []
-
-    def make() -> RecorderNode:
-        made.append(RecorderNode())
-        return made[0]
-
-    code = run(make, argv)
-    sys.exit(code or made[0].exit_code)
-
+main = main_of(RecorderNode)
 
 if __name__ == "__main__":
     main()

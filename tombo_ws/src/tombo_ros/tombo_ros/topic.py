@@ -180,11 +180,6 @@ class TopicPublisher:
         self.sent = 0
         """Messages published."""
 
-    @property
-    def subscriber_count(self) -> int:
-        """How many subscribers this publisher has met."""
-        return int(self._publisher.get_subscription_count())
-
     def publish(self, message: Any) -> None:
         """Send a message, or its bytes (CDR)."""
         self._publisher.publish(message)

@@ -16,7 +16,6 @@ from kernel_flight import (
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_sim.inverse_simulation import (
     ImposedTick,
-    air,
     run_along_motion,
     simulate_imu_at_rest,
     simulate_mocap,
@@ -149,15 +148,3 @@ def test_a_stamp_error_and_the_vehicle_at_rest():
     simulate_imu_at_rest(new_plant(VEHICLE), theta, noise, out)
     assert out[:, :3].std() == pytest.approx(0.02, rel=0.05)
     assert out[:, 3:].mean(axis=0) == pytest.approx([0.1, 0.0, 9.81], abs=0.03)
-
-
-def test_the_air_alone_is_wind_and_gusts():
-    out = np.zeros((60_000, 3))
-    noise = np.random.default_rng(5).standard_normal((60_000, NOISE))
-    effects = {"steady_wind": {"east": 2.0}, "gusts": {"deviation": 0.5, "time": 0.4}}
-    air(new_plant(VEHICLE), pack_theta(effects), noise, 0.004, out)
-    assert out.mean(axis=0) == pytest.approx([2.0, 0.0, 0.0], abs=0.1)
-    assert out[:, 0].std() == pytest.approx(0.5, rel=0.15)
-    lag = 100  # 0.4 s
-    gust = out[:, 1] - out[:, 1].mean()
-    assert (gust[lag:] @ gust[:-lag]) / (gust @ gust) == pytest.approx(np.exp(-1.0), abs=0.1)

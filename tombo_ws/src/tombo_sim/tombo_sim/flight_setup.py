@@ -59,7 +59,7 @@ def begin(world: World, seed: int) -> FlightSetup:
     seed = check_seed("seed", seed)
     vehicle = mounted_vehicle(world.vehicle, world.propeller)
     maps = mounted_rotors(world.propeller, vehicle)
-    draw_seed, _, _, spread_seed = np.random.SeedSequence(seed).spawn(4)
+    draw_seed, tick_seed, mocap_seed, spread_seed = np.random.SeedSequence(seed).spawn(4)
     nominal = vehicle_effects(world.propeller, vehicle, world.effects)
     uniform = np.random.default_rng(spread_seed).uniform(-1.0, 1.0, 4).tolist()
     effects = _spread_effects(nominal, world.spread, vehicle, uniform)
@@ -92,17 +92,9 @@ def begin(world: World, seed: int) -> FlightSetup:
         start,
         obstacle,
         (uniform[3] > 0.0 and spread.mocap_rate) or world.mocap_rate,
-        **noise_of(seed),
+        tick_noise=np.random.default_rng(tick_seed),
+        mocap_noise=np.random.default_rng(mocap_seed),
     )
-
-
-def noise_of(seed: int) -> dict[str, np.random.Generator]:
-    """Return the generators of a flight's noise: fields of its `FlightSetup`."""
-    _, tick_seed, mocap_seed, _ = np.random.SeedSequence(seed).spawn(4)
-    return {
-        "tick_noise": np.random.default_rng(tick_seed),
-        "mocap_noise": np.random.default_rng(mocap_seed),
-    }
 
 
 def capture_ticks(duration: float, rate: float) -> NDArray[np.int64]:

@@ -13,13 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.effects.compose import (
-    EffectMemories,
-    SimulatedPlant,
-    apply_air,
-    apply_imu,
-    apply_mocap,
-)
+from tombo_dynamics.effects.compose import EffectMemories, SimulatedPlant, apply_imu, apply_mocap
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import DELAY_TICKS, Plant, set_state
 from tombo_dynamics.records import Record, field
@@ -157,17 +151,6 @@ def simulate_imu_at_rest(plant: Plant, theta: Array, noise: Array, out: Array) -
         apply_imu(plant, noise[k], theta)
         store(out[k, 0:3], plant.gyro)
         store(out[k, 3:6], plant.accel)
-
-
-@compiled
-def air(plant: Plant, theta: Array, noise: Array, tick: float, out: Array) -> None:
-    """Write the air's velocity in map, (N, 3) [m/s], tick by tick."""
-    plant.tick_length = tick
-    for k in range(out.shape[0]):
-        plant.ticks = k
-        plant.wind = ZERO
-        apply_air(plant, noise[k], theta)
-        store(out[k], plant.wind)
 
 
 @compiled

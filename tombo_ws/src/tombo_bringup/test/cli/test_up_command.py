@@ -112,19 +112,6 @@ def test_json_lines_have_status_and_ends(marked):
     assert marked.alive() == []
 
 
-@pytest.mark.real_time
-def test_nothing_outlives_it_when_it_is_killed(marked):
-    process = marked.up({"sim": "fake_good", "detector": "fake_deaf"})
-    started(marked, "sim")
-    time.sleep(0.3)
-    process.kill()
-    process.communicate()
-
-    took = wait_for(lambda: not marked.alive())
-    with in_time():
-        assert took < 3.0
-
-
 @pytest.mark.slow
 def test_nodes_get_parameters_domain_and_discovery(marked):
     tell = marked.folder / "tell.py"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import typer
@@ -45,13 +46,13 @@ def compare(given: _Recordings, copies: Copies) -> None:
         (FILE,),
         lambda on_progress: compare_recordings(a, b, given.topics or ()),
         lambda folder, found, _: (folder / FILE).write_text(
-            to_json(found.as_list()), encoding="utf-8", newline="\n"
+            to_json(asdict(found)["topics"]), encoding="utf-8", newline="\n"
         ),
     )
     for line in found.damage:
         typer.echo(f"Damage: {line}", err=True)
     if copies.as_json:
-        typer.echo(to_json(found.as_list()), nl=False)
+        typer.echo(to_json(asdict(found)["topics"]), nl=False)
     else:
         from tombo_flight.report.comparison import comparison_page
 

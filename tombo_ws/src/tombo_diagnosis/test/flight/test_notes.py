@@ -1,30 +1,7 @@
 """What a diagnosis of flights says: its gain, and its limits."""
 
-from types import SimpleNamespace
-
-import pytest
-
-from tombo_diagnosis.flight.summary_text import gain_sentence, notes
+from tombo_diagnosis.flight.summary_text import gain_sentence
 from tombo_flight.extended_model import Gain
-
-LOG, OTHER = SimpleNamespace(name="one"), SimpleNamespace(name="two")
-
-
-def notes_of(logs, vehicles=1):
-    """Return the notes for tracks of these logs; a log given twice is one flight in two parts."""
-    nominal = SimpleNamespace(calibrated=False, moments=True)
-    tracks = [SimpleNamespace(log=log, formulation="imu") for log in logs]
-    problem = SimpleNamespace(tracks=tracks, nominal=nominal, vehicles=vehicles)
-    return notes(SimpleNamespace(problem=problem))
-
-
-@pytest.mark.parametrize(
-    ("logs", "counted"),
-    [([LOG], "1 flight:"), ([LOG, LOG], "1 flight, in 2 parts:"), ([LOG, OTHER], "2 flights:")],
-)
-def test_parts_of_a_flight_are_not_counted_as_flights(logs, counted):
-    (note,) = notes_of(logs)
-    assert note.startswith(counted)
 
 
 def test_a_larger_gain_that_may_be_none_is_not_the_one_told():

@@ -1,5 +1,5 @@
 import pytest
-from endpoint_bench import ARM, bench, of, texts
+from endpoint_bench import ARM, bench, of
 from pymavlink.dialects.v20 import common as mavlink
 
 MAV = mavlink.MAVLink(None, 245, 191)
@@ -51,21 +51,3 @@ def test_the_opening_of_qgroundcontrol():
         }  # fmt: skip
         assert b.endpoint.refused["REQUEST_DATA_STREAM is not used"] == 1
         assert (255, 190) in b.endpoint.heard_systems
-
-
-def test_texts_come_where_a_ground_station_is_heard():
-    with bench("onboard", "ground", EKF2_GPS_CTRL=0, SYS_HAS_GPS=0) as b:
-        b.station = False
-        b.run(3.0)
-        onboard, ground = b.clients
-        ground.send(ground.mav.heartbeat_encode(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4))
-        onboard.send(onboard.mav.heartbeat_encode(18, 8, 0, 0, 4))
-        b.run(0.1)
-        assert b.acks(ARM, 1.0) == [1]
-        assert not of(onboard.seen, "STATUSTEXT")
-        assert [t for t in texts(ground.seen) if "Arming denied" in t]
-        b.run(3.0)
-        ground.seen.clear()
-        b.endpoint.say(4, "nobody is there any more")
-        b.run(0.1)
-        assert not of(ground.seen, "STATUSTEXT")

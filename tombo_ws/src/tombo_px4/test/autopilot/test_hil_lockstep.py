@@ -25,9 +25,6 @@ def test_it_lifts_off_in_lockstep_without_a_missed_step(b):
     assert b.hil.link.counters["garbage_bytes"] == b.hil.link.counters["bad_checksum"] == 0
 
 
-# ---- the start
-
-
 def test_without_px4_time_stands_still(b):
     b.peer.close()
     b.until(lambda: b.hil.flights == 1 and b.hil.phase is Px4Phase.WAITING)
@@ -35,9 +32,6 @@ def test_without_px4_time_stands_still(b):
         b.now_ns += SECOND_NS
         assert not b.hil.advance(b.now_ns)
     assert b.hil.flight.time_us == 0
-
-
-# ---- answers that are none
 
 
 # ---- silence, and PX4 gone
@@ -107,6 +101,3 @@ def test_a_new_connection_begins_a_new_flight_on_the_ground(b):
     b.fly(1.0)
     assert b.peer.gap_us == 4000
     assert (b.hil.boot_steps, b.hil.missed) == (9, 0)
-
-
-# ---- pace

@@ -1,11 +1,9 @@
 """The table of parameters: PX4's names and types, refused values, kept values."""
 
 import math
-from pathlib import Path
 
 import pytest
 
-import tombo_px4.autopilot
 from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
 
 
@@ -14,17 +12,6 @@ def test_every_parameter_has_a_default_within_its_bounds_and_a_meaning():
         assert p.low <= p.default <= p.high, p.name
         assert len(p.doc) > 8 and "\n" not in p.doc, p.name
         assert p.kind == "float" or all(v == int(v) for v in (p.default, p.low, p.high)), p.name
-
-
-def test_what_is_documented_to_act_is_looked_at_and_nothing_else():
-    folder = Path(tombo_px4.autopilot.__file__).parent
-    sources = [*folder.glob("*.py"), *folder.parent.glob("protocol/*.py")]
-    sources.append(folder.parent / "px4_sim_node.py")
-    others = [p for p in sources if p.name != "parameters.py"]
-    text = "".join(path.read_text() for path in others)
-    for p in PARAMETERS:
-        told = p.name in ("MPC_THR_HOVER", "COM_RCL_EXCEPT")  # looked at, to be told to others
-        assert (f'"{p.name}"' in text) == p.acts or told, p.name
 
 
 @pytest.mark.parametrize(
