@@ -1,8 +1,11 @@
-"""Observation and action of a policy in a recovery: one observation, one mapping of actions.
+"""Observation and action of a policy (a neural network) that steers a recovery from a collision.
+
+The vehicle has met an obstacle at x_c; n_r is the unit vector away from the obstacle, and
+x_r = x_c + d_r n_r is where to come to rest. Frame of the policy: x along the horizontal part of
+n_r, z up, y to the left. A policy thus sees the same from whichever side the obstacle is met.
 
 The reaction `policy` and the training environment run the same compiled functions, so that a
-policy flies in both to the last bit alike. Frame of the policy: its x along n_r in the plane,
-its z up, its y to the left.
+policy flies alike in both, to the last bit.
 """
 
 from __future__ import annotations
@@ -26,9 +29,9 @@ OBSERVATION = (
     ("time since the decision", "s", 60.0, 1),
     ("struck rotor, one of four; all zero: not known", "1", 1.0, 4),
 )
-"""Observation, unit, largest magnitude (larger values are clipped), number of values.
+"""Name, unit, largest magnitude and number of values of each part.
 
-In the policy's frame unless said."""
+In the policy's frame unless said. Magnitudes are estimated; larger values are clipped."""
 HIGH: Array = np.array([top for _, _, top, count in OBSERVATION for _ in range(count)])
 """(23) upper bounds of an observation."""
 LOW: Array = np.where(np.arange(HIGH.size) < HIGH.size - 5, -HIGH, 0.0)
@@ -36,7 +39,8 @@ LOW: Array = np.where(np.arange(HIGH.size) < HIGH.size - 5, -HIGH, 0.0)
 ACTIONS = 6
 """Numbers of an action, each in [-1, 1]."""
 REACH, ACCELERATION = 0.5, 5.0
-"""m, m/s^2: value of 1 in the first and in the last three numbers of an action."""
+"""m, m/s^2, estimated: offset of the set point where an action's first three numbers are 1, and
+acceleration where its last three are."""
 
 
 class Steering(Record):
@@ -44,10 +48,10 @@ class Steering(Record):
 
     x_c = field("m", "base_link at contact", 3)
     x_r = field("m", "where to rest in the end", 3)
-    along = field("1", "x of the policy's frame, in the plane", 2)
-    timeout = field("s", "so long after the decision it is over")
+    along = field("1", "x axis of the policy's frame: map x and y of a unit vector", 2)
+    timeout = field("s", "time after the decision at which the steering ends")
     yaw = field("rad", "the heading asked for")
-    rotor = field("1", "that was struck, -1: not known", kind=int)
+    rotor = field("1", "number of the one struck, from 0; -1: not known", kind=int)
     decided_ns = field("ns", "when it was decided", kind=int)
 
 
@@ -61,11 +65,11 @@ def observe(
     rates: Array,
     out: Any,
 ) -> None:
-    """Write what a policy sees.
+    """Write the observation, with the parts of `OBSERVATION`.
 
     Args:
         steering: the decision.
-        time_s: since it [s].
+        time_s: time since the decision [s].
         position: (3) estimate in map [m].
         velocity: (3) estimate in map [m/s].
         attitude: (4) estimate, quaternion xyzw, map from base_link.
@@ -89,13 +93,13 @@ def observe(
 
 
 @compiled(inline=False)
-def _turn_in(steering: Steering, to: AnyVector, since: Array, out: Array, first: int) -> None:
-    """Write the vector from `since` (3) to `to` (3), both in map, in the policy's frame."""
-    x, y = to[0] - since[0], to[1] - since[1]
+def _turn_in(steering: Steering, end: AnyVector, start: Array, out: Array, first: int) -> None:
+    """Write `end` - `start`, (3) in map, in the policy's frame from `out[first]` on."""
+    x, y = end[0] - start[0], end[1] - start[1]
     c, s = steering.along[0], steering.along[1]
     out[first] = c * x + s * y
     out[first + 1] = c * y - s * x
-    out[first + 2] = to[2] - since[2]
+    out[first + 2] = end[2] - start[2]
 
 
 @compiled(inline=False)
@@ -105,10 +109,10 @@ def steer(steering: Steering, action: Array, attitude: Array, rates: Array, out:
     Args:
         steering: the decision; its heading follows the vehicle while it turns.
         action: (6) offset from x_r over `REACH`, acceleration fed forward over `ACCELERATION`, in
-            the policy's frame; cut at -1 and 1, NaN is 0.
-        attitude: (4) estimate, quaternion xyzw.
+            the policy's frame; clipped to -1 and 1, NaN is 0.
+        attitude: (4) estimate, quaternion xyzw, map from base_link.
         rates: (3) estimate, base_link [rad/s].
-        out: `PositionSetpointRecord`; position, velocity, acceleration and yaw are filled.
+        out: `PositionSetpointRecord`; position, velocity, acceleration and yaw are filled, in map.
     """
     limited = np.zeros(ACTIONS)
     for i in range(ACTIONS):
@@ -123,7 +127,7 @@ def steer(steering: Steering, action: Array, attitude: Array, rates: Array, out:
     out.acceleration[2] = ACCELERATION * limited[5]
     for i in range(3):
         out.velocity[i] = 0.0
-    if turns(rates):
+    if turns(rates):  # the heading is the vehicle's own until it turns no more
         x, y, _ = rotated(attitude, (1.0, 0.0, 0.0))
         steering.yaw = math.atan2(y, x)
     out.yaw = steering.yaw

@@ -391,15 +391,20 @@ class EstimatorCore(Core):
             self.take(topic, message, now_ns)
 
     def _take_pose(self, pose: Pose, now_ns: int) -> None:
+        """Correct the estimate by a pose of base_link; report one that is refused.
+
+        Frame names are texts, which compiled code does not see, so they are checked here.
+        """
         if is_map(pose.frame_id):
-            why = self.take("/mocap/pose", pose, now_ns)
+            refusal = self.take("/mocap/pose", pose, now_ns)
         else:
             self.memory.rejected += 1
-            why = PoseRefusal.WRONG_FRAME
-        if why:
-            self.health.report_event(f"pose_{why.key}", why.text)
+            refusal = PoseRefusal.WRONG_FRAME
+        if refusal:
+            self.health.report_event(f"pose_{refusal.key}", refusal.text)
 
     def _take_imu(self, sample: Imu, now_ns: int) -> None:
+        """Carry the estimate on to an IMU sample; report one with NaN or infinity."""
         if not np.isfinite(sample.gyro.sum() + sample.accel.sum()):
             self.health.report_event("imu_not_finite", "imu sample with NaN or infinity")
         self.take("/imu/data_raw", sample, now_ns)

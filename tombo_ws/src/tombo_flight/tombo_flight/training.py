@@ -1,4 +1,4 @@
-"""Episodes of recovery from a collision, many at a time: what the training environments step.
+"""Episodes of recovery from a collision, many at a time, for the training environments.
 
 An episode is the rest of a flight from the reaction's first decision on. The flight up to there is
 that of `tombo fly` with the same seed, to the last bit; so is what follows, if the reaction
@@ -46,26 +46,29 @@ from tombo_sim.wiring import CORES
 CRASH_COST = 10.0
 """Of a crash, in seconds of recovery."""
 _NEVER = 2**62
+"""Tick that no flight reaches."""
 _BLOCK, _FRESH_BLOCK = 32, 4
-"""Vehicles that a thread flies on end: for a step; where some come from the ground, whose flights
-differ in length. A thread that is done takes the next ones."""
+"""Vehicles that a thread takes at a time: for a step; where some start on the ground, whose
+flights differ in length."""
 _TRIES = 20
 """Flights in a row without a collision before a scenario is refused."""
 
 
 @dataclass
 class _Pilot:
-    """What is not in arrays of one vehicle's flight."""
+    """The Python objects of one vehicle's flight, which its arrays can't hold."""
 
     reaction: ReactionCore
     decision: Any = None
+    """The reaction's last decision that a policy steers."""
 
 
 @dataclass
 class Outcome:
-    """What a step has brought, each (N)."""
+    """Result of a step, each (N)."""
 
     reward: Array
+    """Minus the sum of time, twice while unstable [s], new depth of fall [m], and `CRASH_COST`."""
     terminated: Any
     """The vehicle rests at x_r, or has crashed."""
     truncated: Any
@@ -82,11 +85,11 @@ class Episodes:
         """Make room for the flights of a scenario.
 
         Args:
-            scenario: what is flown; its reaction must be `policy`, its network is not asked.
+            scenario: the flight; its reaction must be `policy`, whose network is not asked.
             count: N.
             threads: that fly at the same time.
-            starts: so many flights up to the collision are kept and begun from again: those of
-                seeds 0 to `starts` - 1. None: each is flown.
+            starts: number of flights up to the collision that are kept and begun from again: those
+                of seeds 0 to `starts` - 1. None: each is flown.
 
         Raises:
             InputError: another reaction; as `flight_setup.begin`.
@@ -264,8 +267,13 @@ class Episodes:
             self._kept[seed] = (row, under_way, first, self._pilots[i])
 
     def _fly(self, fresh: bool) -> None:
-        """Fly until no vehicle flies, and no collision waits; `fresh`: some from the ground."""
-        length = min(_FRESH_BLOCK if fresh else _BLOCK, -(-self.count // self._threads))
+        """Fly all vehicles until each waits for an action or has ended.
+
+        `fresh`: some start on the ground. Their flights differ in length, so blocks are small and
+        threads share the work better. The reaction decides on a collision in Python; that vehicle
+        then flies on.
+        """
+        length = min(_FRESH_BLOCK if fresh else _BLOCK, math.ceil(self.count / self._threads))
         blocks = [(i, min(i + length, self.count)) for i in range(0, self.count, length)]
         while blocks:
             self._fly_blocks(blocks)
@@ -289,7 +297,7 @@ class Episodes:
             future.result()
 
     def _hand_collision(self, i: int) -> None:
-        """Hand the reaction a collision, and put down what it has decided."""
+        """Hand the reaction a collision of vehicle `i`, and write its decision into the batch."""
         batch = self.batch
         pilot = self._pilots[i] = _clone(self._pilots[i])  # others may begin with the same one
         pilot.reaction.memory = batch.flights.memories[REACTION][0][i]

@@ -22,30 +22,33 @@ from tombo_ros.pacing import ESTIMATOR
 from tombo_ros.topic import PolledSubscription, TopicPublisher
 
 _RATE_HZ = 1000.0
+"""The node looks for frames this often, so that poses are passed on within 1 ms."""
 _SILENT_NS = SECOND_NS // 5
-"""Poses come at 30 Hz at least: six are missing."""
+"""Silence that is a fault: poses come at 30 Hz at least, so six are missing."""
 _LOOK_NS = SECOND_NS // 2
 """How often a topic is looked for whose type is not known yet."""
 
 
 class TopicFrames:
-    """Frames of a driver's topic, once its type is known."""
+    """Frames of a driver's ROS topic, once somebody publishes it: its type is known then."""
 
     def __init__(self, node: LoopNode, params: MocapParams) -> None:
         self.fault = ""
+        """Reason for a lack of frames; "": not known."""
         self._node, self._params = node, params
         self._subscription: PolledSubscription | None = None
         self._bodies: Any = None
         self._looked_ns = 0
 
     def frames(self) -> list[list[TrackedBody]]:
-        """Return the frames that have come since the last call, without waiting."""
+        """Return the rigid bodies of each frame received since the last call; never wait."""
         if self._subscription is None:
             self._find_topic(time.monotonic_ns())
             return []
         return [self._bodies(taken.message) for taken in self._subscription.take()]
 
     def _find_topic(self, now_ns: int) -> None:
+        """Subscribe to the topic if it is published; look twice a second at most."""
         if now_ns - self._looked_ns < _LOOK_NS:
             return
         self._looked_ns = now_ns
@@ -64,17 +67,18 @@ class TopicFrames:
         self.fault = ""
 
     def close(self) -> None:
-        """End it: nothing is left to do."""
+        """Do nothing: the node closes the subscription."""
 
 
 @dataclass
 class _Vehicle:
-    """One of the bodies that are tracked."""
+    """A vehicle whose rigid body is tracked."""
 
     poses: TrackedPoses
+    """Turns bodies of the system's world into poses of base_link in map."""
     output: TopicPublisher
     pose_ns: int = 0
-    """When its newest pose came, steady clock."""
+    """Arrival of its newest pose, monotonic clock; 0: none yet."""
 
 
 def _topic(namespace: str) -> TopicSpec:
@@ -115,7 +119,7 @@ class MocapNode(LoopNode):
         self._frame_ns = 0
 
     def step(self, now_ns: int) -> None:
-        """Pass on what has come."""
+        """Publish the poses of all frames received since the last step."""
         for bodies in self._source.frames():
             self._frame_ns = time.monotonic_ns()
             for vehicle in self._vehicles:
@@ -124,7 +128,10 @@ class MocapNode(LoopNode):
                     vehicle.pose_ns = self._frame_ns
 
     def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
-        """Report faults; a text is made only for one that lasts: this runs at 1 kHz."""
+        """Report silence of the system, or else the loss of any vehicle's body.
+
+        Texts are made only while there is a fault: this runs at 1 kHz.
+        """
         mono_ns = time.monotonic_ns()
         silent = mono_ns - max(self._frame_ns, self._began_ns) > _SILENT_NS
         oldest_ns = min(vehicle.pose_ns for vehicle in self._vehicles)
@@ -134,11 +141,13 @@ class MocapNode(LoopNode):
         super().periodic_tasks(wall_ns, now_ns)
 
     def _silence(self) -> str:
+        """Return the text of the fault `no_frames`."""
         params, why = self._params, self._source.fault
         source = params.topic if params.system == ROS else f"{params.system} {params.host}".strip()
         return f"nothing from {source}{f': {why}' if why else ''}"
 
     def _loss(self) -> str:
+        """Return the text of the fault `body_lost`, about the body that was lost first."""
         vehicle = min(self._vehicles, key=attrgetter("pose_ns"))
         wanted = f"'{vehicle.poses.body}'" if vehicle.poses.body else "exactly one rigid body"
         return f"{wanted} is not seen; seen: {', '.join(sorted(vehicle.poses.names)) or 'none'}"
@@ -146,9 +155,9 @@ class MocapNode(LoopNode):
     def report(self, now_ns: int) -> None:
         """Add the counters of poses."""
         for vehicle in self._vehicles:
-            of = f"{vehicle.poses.body}." if self._params.bodies else ""
+            prefix = f"{vehicle.poses.body}." if self._params.bodies else ""
             for key, count in vars(vehicle.poses.counters).items():
-                self.health.value(f"poses.{of}{key}", count)
+                self.health.value(f"poses.{prefix}{key}", count)
         super().report(now_ns)
 
     def close(self) -> None:

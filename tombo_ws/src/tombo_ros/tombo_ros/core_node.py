@@ -268,7 +268,10 @@ class CoreNode(LoopNode):
         self.shift_ns = min(max(shift, -_FASTEST_NS), _FASTEST_NS)
 
     def report(self, now_ns: int) -> None:
-        """Add the counts and states of the core."""
+        """Add the values of the core to the node's `/diagnostics`.
+
+        `gyro_late`: samples that waited for a later step, as two came between steps.
+        """
         for key, value in self.core.health.values.items():
             self.health.value(key, value)
         if self._followed is not None:

@@ -336,11 +336,15 @@ def _crowded(counters: Mapping[str, SequenceCounter]) -> list[str]:
 
 
 def weakest_qos(offers: Iterable[Qos]) -> Qos:
-    """Return the QoS that all of these publishers offer."""
+    """Return the QoS to subscribe with to all of these publishers, at least one.
+
+    DDS connects a subscription only if it asks for no more than a publisher offers. Depth does
+    not count there: it is the first one's.
+    """
     every = list(offers)
     reliable = all(qos.reliability == "reliable" for qos in every)
-    latched = all(qos.durability == "transient_local" for qos in every)
-    return _qos(every[0].depth, reliable, latched)
+    transient_local = all(qos.durability == "transient_local" for qos in every)
+    return _qos(every[0].depth, reliable, transient_local)
 
 
 def _offered(offer: Any) -> Qos:
@@ -351,11 +355,11 @@ def _offered(offer: Any) -> Qos:
     return _qos(profile.depth or Qos().depth, reliable, latched)
 
 
-def _qos(depth: int, reliable: bool, latched: bool) -> Qos:
+def _qos(depth: int, reliable: bool, transient_local: bool) -> Qos:
     return Qos(
         depth,
         "reliable" if reliable else "best_effort",
-        "transient_local" if latched else "volatile",
+        "transient_local" if transient_local else "volatile",
     )
 
 

@@ -25,8 +25,10 @@ _DESCENT = 0.4
 """[m/s], estimated: as the mission lands."""
 _GOAL_DEPTH = 0.6
 """[m] of the descent's goal below the ground, so that the ground is reached for sure."""
-_LANDED_HEIGHT = 0.05
-"""[m] above the ground: landed, if at rest."""
+_AIRBORNE_HEIGHT = 0.02
+"""[m] above the ground, estimated: the estimator takes the vehicle for standing below it."""
+_LANDED_HEIGHT, _STILL_SPEED = 0.05, 0.2
+"""[m] above the ground and [m/s] on each axis, estimated: lower and slower, it has landed."""
 _LANDED_TICKS = TICK_HZ
 """Time this low after which it has landed: without mocap it can float on the ground's cushion."""
 
@@ -35,15 +37,23 @@ class Failsafe:
     """Estimates all the time; commands between `engage` and `release`."""
 
     def __init__(self, simulator: Simulator, vehicle: VehicleParams) -> None:
+        """Begin with the true pose of a vehicle that stands on the ground.
+
+        Its gains are the default ones, not those under test: PX4's fail-safe has its own, too.
+
+        Args:
+            simulator: has the vehicle and its sensors.
+            vehicle: mass and geometry that its estimator and controller use.
+        """
         state = simulator.plant.state
         self._autopilot = new_autopilot(
             ControlParams(), EstimatorParams(), vehicle, state.position, state.attitude
         )
         self._autopilots = self._autopilot.as_array()
         self._maps = simulator.setup.maps.as_array()
-        self._ground = float(state.position[2])
-        self._hover = 4.0 * vehicle.hover_thrust()
-        self._low_ticks = 0
+        self._ground = float(state.position[2])  # z of base_link on the ground, map [m]
+        self._hover = 4.0 * vehicle.hover_thrust()  # of all rotors [N]
+        self._low_ticks = 0  # ticks in a row below `_LANDED_HEIGHT`
         self.engaged = False
 
     def observe(self, simulator: Simulator) -> None:
@@ -51,7 +61,7 @@ class Failsafe:
         autopilot, tick = self._autopilot, simulator.tick
         state = autopilot.state
         height = simulator.height - self._ground
-        airborne = height > 0.02
+        airborne = height > _AIRBORNE_HEIGHT
         self._low_ticks = self._low_ticks + 1 if height < _LANDED_HEIGHT else 0
         store_history(self._autopilots, tick)
         for sample in simulator.arrived:
@@ -64,7 +74,7 @@ class Failsafe:
         if self.engaged:
             run_cascade(self._autopilots, self._maps, tick)
             low = state.position[2] < self._ground + _LANDED_HEIGHT
-            still = float(np.abs(state.velocity).max()) < 0.2
+            still = float(np.abs(state.velocity).max()) < _STILL_SPEED
             if (low and still) or self._low_ticks > _LANDED_TICKS:
                 autopilot.mode_asked = Phase.LANDED
         predict(self._autopilots, simulator.accel, airborne)

@@ -59,6 +59,7 @@ TABLES: dict[str, Output] = {POSE: SENSORS[POSE]} | {
 }
 """Topics of which a flight keeps the messages, in the order of `Flights.published`."""
 _INDEX = {topic: k for k, topic in enumerate(TABLES)}
+"""Topic → place of its table in `TABLES` and in `Flights.published`."""
 _POSE, _ODOMETRY, _BIASES = (_INDEX[t] for t in (POSE, "/odometry", "/estimator/status"))
 COLLISION, _DETECTOR = (_INDEX[t] for t in ("/collision_event", "/detector/status"))
 _ANSWER, _REACTION = (_INDEX[t] for t in ("/setpoint", "/reaction/status"))
@@ -380,6 +381,7 @@ def new_published(count: int, ticks: int) -> tuple[Any, ...]:
 
 
 def _compiled(core: Core) -> Compiled:
+    """Return what compiled code uses of a core; nothing of a core in plain Python."""
     return core.compiled or Compiled((), (), {})
 
 
@@ -484,6 +486,13 @@ def step_in_python(flights: Flights, i: int, reaction: Core) -> None:
 
 
 def _publish(flights: Flights, i: int, topic: str, message: Any, tick: int) -> None:
+    """Append a message, of `tombo_dynamics.messages`, to the topic's table of flight i.
+
+    Compiled cores read it there in the next tick. Fields that only the record has stay 0.
+
+    Raises:
+        InputError: the table is full: the core publishes more often than it declares.
+    """
     k = _INDEX[topic]
     row, table = int(flights.counts[i, k]), flights.published[k][i]
     if row >= table.size:

@@ -42,11 +42,10 @@ from tombo_dynamics.params import param, structure
 from tombo_dynamics.records import parameter_record
 from tombo_dynamics.vectors import dot, norm, subtract
 
-_ARRIVED = 0.08
-_STILL = 0.15
-_SETTLED_RADIUS = 0.1
-_SETTLED_SPEED = 0.1
-_SETTLED_TIME = 1.0
+_ARRIVED, _STILL = 0.08, 0.15
+"""m, m/s, estimated: nearer to the top of the climb and slower, it hovers."""
+_SETTLED_RADIUS, _SETTLED_SPEED, _SETTLED_TIME = 0.1, 0.1, 1.0
+"""m, m/s, s, estimated: this near to x_r and this slow for this time, it has recovered."""
 _LATE = 0.1
 """s: a leg of a course begins when the last one is over, whenever within this it is looked at."""
 
@@ -109,14 +108,18 @@ def compiled_plan(params: MissionParams) -> Plan:
 
 
 class MissionState(NamedTuple):
-    """Where the mission stands."""
+    """Where the mission stands. Times are those of `now_s`."""
 
     mode: int
+    """`Phase`."""
     leg: Leg
+    """The present reference, map."""
     home: Point
+    """Where it stood before the take-off, map [m]."""
     steps: int = 0
     """Jumps made, or waypoints begun."""
     settled_since_s: float = math.inf
+    """Since when it has been within the radius of x_r, and slow [s]; inf: it is not."""
     settled_s: float = math.nan
     """When the vehicle was first settled at x_r [s]; NaN before."""
     course_s: float = math.nan
@@ -278,12 +281,15 @@ def _is_timed(plan: Plan) -> bool:
 def _to_piece(
     state: MissionState, plan: Plan, row: int, start: Point, now_s: float
 ) -> MissionState:
-    """Fly from rest at `start` to where a piece of a timed course begins; then it goes on."""
+    """Fly straight from rest at `start` to the begin of a piece of a timed course (map, SI).
+
+    On arrival the course goes on from there: its clock is set so. `row`: the piece, from 0; one
+    outside of the plan is taken for the nearest, as the plan may have been changed in flight.
+    """
     row = min(max(row, 0), plan.waypoints.shape[0] - 1)
     begin_s = plan.waypoints[row, 0]
     reference = piece_reference(plan.waypoints, row, begin_s)
-    yaw = leg_yaw(state.leg, now_s)
-    yaws = yaw, reference.yaw
+    yaws = leg_yaw(state.leg, now_s), reference.yaw
     speed = plan.params.approach_speed
     leg = turning_leg(start, reference.position, yaws, now_s, speed, ACCELERATION, YAW_RATE)
     return MissionState(

@@ -32,6 +32,7 @@ PIECE_COLUMNS = 2 + 4 * _TERMS
 """Begin and end [s], then the coefficients of x, y, z and yaw, from power 0 on, in the time since
 the begin."""
 MOST_ROWS = 10_000
+"""Rows of a table, at most: 200 s of samples at 50 Hz."""
 _POSITION, _VELOCITY = ("x", "y", "z"), ("vx", "vy", "vz")
 _ACCELERATION = ("ax", "ay", "az")
 _UNITS = {
@@ -95,10 +96,13 @@ def timed_course_text(name: str, given: str) -> str:
 
 @lru_cache(maxsize=8)
 def read_timed_course(text: str) -> TimedCourse:
-    """Return a table's course.
+    """Return the course in the text of a table, either kind (map, SI).
+
+    Empty lines, lines that begin with `#`, and commas at the end of a line are skipped. The last
+    courses are remembered, since check and plan read the same text.
 
     Raises:
-        InputError: it is none; names the row.
+        InputError: the text is not such a table; names the row or the column.
     """
     lines = [line.rstrip().rstrip(",") for line in text.removeprefix("\ufeff").splitlines()]
     filled = [i for i, line in enumerate(lines, 1) if line and not line.startswith("#")]
@@ -106,13 +110,14 @@ def read_timed_course(text: str) -> TimedCourse:
         raise InputError(f"{max(len(filled) - 1, 0)} rows; accepted: {_ACCEPTED}")
     head, *rows = csv.reader(lines[i - 1] for i in filled)
     names = _column_names(head)
+    line_numbers = tuple(filled[1:])
     table = np.array(
-        [_numbers(i, row, len(names)) for i, row in zip(filled[1:], rows, strict=True)]
+        [_numbers(i, row, len(names)) for i, row in zip(line_numbers, rows, strict=True)]
     )
-    at = tuple(filled[1:])
     if names == _POLYNOMIALS:
-        return TimedCourse(_with_times(table, at), at, True)
-    return TimedCourse(_between(dict(zip(names, table.T, strict=True)), at), at, False)
+        return TimedCourse(_with_times(table, line_numbers), line_numbers, relative=True)
+    columns = dict(zip(names, table.T, strict=True))
+    return TimedCourse(_between(columns, line_numbers), line_numbers, relative=False)
 
 
 def _column_names(head: Sequence[str]) -> tuple[str, ...]:
@@ -138,6 +143,7 @@ def _column_names(head: Sequence[str]) -> tuple[str, ...]:
 
 
 def _numbers(row: int, cells: Sequence[str], count: int) -> list[float]:
+    """Return the `count` numbers in line `row` of the file; refuse others."""
     try:
         numbers = [float(cell) for cell in cells]
     except ValueError:
@@ -148,7 +154,10 @@ def _numbers(row: int, cells: Sequence[str], count: int) -> list[float]:
 
 
 def _with_times(table: Array, rows: Sequence[int]) -> Array:
-    """Return pieces of durations (N,) and coefficients (N, 32)."""
+    """Return pieces (N, 34) of a table (N, 33): duration [s], then coefficients.
+
+    `rows`: the line of the file of each, for errors.
+    """
     short = np.flatnonzero(table[:, 0] <= 0.0)
     if short.size:
         row, lasts = rows[short[0]], table[short[0], 0]
@@ -158,7 +167,14 @@ def _with_times(table: Array, rows: Sequence[int]) -> Array:
 
 
 def _between(columns: dict[str, Array], rows: Sequence[int]) -> Array:
-    """Return the pieces between samples."""
+    """Return the pieces (N - 1, 34) between N samples.
+
+    Derivatives that the table lacks are those of cubic splines through the samples.
+
+    Args:
+        columns: name → (N,), with the units of `_UNITS`.
+        rows: the line of the file of each sample, for errors.
+    """
     t = columns["t"]
     late = np.flatnonzero(np.diff(t) <= 0.0) + 1
     if late.size:

@@ -52,13 +52,18 @@ from tombo_px4.link.messages import (
 from tombo_px4.link.timesync import TimeSync, answer_request
 from tombo_px4.modes import AUTO_LAND, OFFBOARD, MavLandedState, Result, mode_name
 
-_HEARTBEAT_NS = _REBOOT_NS = SECOND_NS
+_HEARTBEAT_NS = SECOND_NS
+"""Period of our heartbeats, as MAVLink asks."""
+_REBOOT_NS = SECOND_NS
+"""PX4 was restarted if its time since boot goes back by more; less is a late message."""
 _TIMESYNC_NS = SECOND_NS // 10
+"""Period of our TIMESYNC requests."""
 _CHECK_NS = SECOND_NS // 5
 """Period of the checks."""
 _ASK_NS = 3 * SECOND_NS
 """Period of new requests for messages that come too seldom."""
 _SETTLE_NS = 4 * SECOND_NS
+"""Time of a new link in which the checks fail for want of messages: no faults are reported."""
 _READY_NS = 3 * SECOND_NS
 """Time for which the checks pass before the estimate is published: PX4's estimator settles for
 some seconds after its first position."""
@@ -71,9 +76,11 @@ _HEARTBEAT_REQUEST_NS = SECOND_NS // 4
 """A heartbeat older than this is asked for while something is to be confirmed, and in flight: PX4
 sends one a second and refuses another interval, so that an order would be confirmed late."""
 _SET_BACK_NS = SECOND_NS // 2
+"""A clock that jumps by more between two ticks was set."""
 _TURNING = 0.3
 """Rate of a vehicle that a hand turns [rad/s]."""
 _LONGEST_STEP_S = 0.05
+"""Longest time over which an IMU sample is integrated [s]: after a gap it is not known."""
 _THRUST_S = 0.1
 """Period of ATTITUDE_TARGET, as PX4 sends it [s]."""
 
@@ -134,6 +141,7 @@ class Bridge:
         self._last_text = ""
         self._boot_ns = 0
         self._linked_ns: int | None = None
+        """Since when the present link has been there; None: no link."""
         self.pose_stamp_ns = 0
         """Capture of the last pose that was sent."""
         self._now_ns = 0
@@ -225,6 +233,11 @@ class Bridge:
             self._out.odometry.append(message)
 
     def _rebooted(self, now_ns: int) -> None:
+        """Begin the link anew after a restart of PX4, noticed at `now_ns`.
+
+        A restarted PX4 has lost its message rates: all are requested again at the next tick.
+        Faults are reported again once `_SETTLE_NS` have passed since `_linked_ns`.
+        """
         self._out.events.append(("vehicle_rebooted", "PX4 was restarted: its clock went back"))
         self.checklist.reset()
         self.parameters.reset()

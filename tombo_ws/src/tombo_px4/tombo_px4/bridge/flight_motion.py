@@ -19,7 +19,9 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.bridge.pose_motion import GRID_S, SPAN_S, Samples, second_differences, sum_motion
 
 _LEVEL, _UPWARD = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+"""Factors that leave the horizontal and the vertical part of a vector in map."""
 _UP = GRAVITY * _UPWARD
+"""Specific force at rest [m/s^2], map."""
 _WINDOW_NS = 10 * SECOND_NS
 """Motion of this age counts: the check at take-off takes 8 s [ns]."""
 _LEAST_M = 0.012
@@ -37,6 +39,7 @@ _STRIKE_M_S2, _STRIKE_RAD_S = 0.8 * GRAVITY, 3.0
 """Specific force this far from gravity, or change of rate between two samples: a strike, shorter
 than the samples are apart."""
 _REST_NS = SECOND_NS
+"""Time before the arming in which the vehicle is at rest [ns]."""
 _REST_STD_M_S2, _REST_RATE, _REST_OFF_M_S2 = 0.5, 0.15, 0.6
 """A vehicle at rest shows no more noise, rate [rad/s] and error of gravity."""
 _FOLLOWS_S, _BRAKES_S = 1.0, 0.3
@@ -55,8 +58,10 @@ _HEIGHT_WINDOW_NS, _HEIGHT_MEAN_NS = 5 * SECOND_NS, SECOND_NS // 3
 FRESH_NS = SECOND_NS // 5
 """Older poses show no motion of now [ns]."""
 _LONGEST_STEP_S = 0.05
+"""Longest time over which a sample is integrated [s]: after a gap it is not known."""
 
 _SCALE = (0.5 * SPAN_S) ** 2
+"""Second difference over a span, for a constant acceleration of 1 m/s^2 [m]."""
 _NOTHING = sum_motion(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
@@ -198,9 +203,10 @@ class FlightMotion:
         return seen
 
     def _shorten_velocity(self) -> None:
-        """Let the level velocity be no faster than the poses: axes change no speed.
+        """Reduce the horizontal velocity to the horizontal speed of the poses, if it is larger.
 
-        The accelerometer's velocity alone drifts by PX4's error of tilt, 0.1 m/s in 3 s.
+        Poses with wrong axes show a wrong direction, but the right speed. The accelerometer's
+        velocity alone drifts: an error of PX4's tilt by 0.2 deg makes 0.1 m/s in 3 s.
         """
         seen, level = self._seen_velocity(), _LEVEL * self.velocity
         speed = float(np.linalg.norm(level))

@@ -184,7 +184,7 @@ class MotorCommands(NamedTuple):
     """Commands of PX4: the content of HIL_ACTUATOR_CONTROLS."""
 
     controls: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
-    """Of motors 1 to 4, unchecked."""
+    """Of motors 1 to 4 in PX4's order, 0 to 1, unchecked."""
     armed: bool = False
     time_us: int = 0
 

@@ -42,6 +42,7 @@ PATIENCE_NS = 1_000_000_000
 _SLIP_NS = 200_000_000
 """If it is behind by more, the simulation does not catch up."""
 _MAX_NOTICES = 200
+"""Notices that wait to be taken; older ones are dropped."""
 
 
 class Px4Phase(Enum):
@@ -126,7 +127,7 @@ class HilSimulator:
         self.motors = MotorCommands()
         self.steps = self.answered = self.boot_steps = self.missed = 0
         self.wrong_time = self.slips = 0
-        self._connection = 0
+        self._connection = 0  # value of `link.opened` for the present client; 0: none
         self._sent_ns = self._due_ns = 0
         self._has_answer = True  # to the step before the first one
         self._heard = self._silent = False
@@ -176,7 +177,11 @@ class HilSimulator:
         return True
 
     def _receive(self) -> list[MotorCommands]:
-        """Return the received actuator controls; of another client none that came before."""
+        """Return the actuator controls received since the last call, the oldest first.
+
+        If a new client has connected meanwhile, nothing is returned: the commands may be those of
+        the PX4 before it.
+        """
         connections, answers = self.link.opened, []
         for message in (received.message for received in self.link.receive()):
             if message.get_msgId() == mav.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
@@ -200,6 +205,7 @@ class HilSimulator:
         return max(self._sent_ns + patience, self._due_ns)
 
     def _on_disconnect(self) -> None:
+        """Report the end of a flight, and wait for the next client with a new vehicle."""
         how = "armed" if self.motors.armed else "not armed"
         height = self.flight.simulator.height
         self._notify(
@@ -210,6 +216,7 @@ class HilSimulator:
         self._reset_vehicle()
 
     def _take(self, answer: MotorCommands) -> None:
+        """Use an answer if it belongs to the last HIL_SENSOR; count it otherwise."""
         if self.steps == 0:  # to a step of a flight that is over
             self.wrong_time += 1
             return

@@ -38,32 +38,38 @@ _MOST_TICKS = 25
 _MOST_MESSAGES = 100
 """Messages of a link that one call takes; the rest waits its turn."""
 _METADATA = (395, 396, 397)
-"""COMPONENT_INFORMATION, _BASIC, COMPONENT_METADATA: not there at all."""
+"""Numbers of COMPONENT_INFORMATION, _BASIC and COMPONENT_METADATA, which PX4 does not support."""
 _SWITCH_ON_US = 1750
-"""RC_KILLSWITCH_TH 0.75, of 1000 to 2000."""
-_EVERYBODY, _NO_PROGRESS = 0, 255
+"""Pulse above which the kill switch is on: PX4's RC_KILLSWITCH_TH 0.75 of 1000 to 2000 us."""
+_ALL_IDS = 0
+"""Target that addresses all systems or components."""
+_NO_PROGRESS = 255
+"""Progress in COMMAND_ACK that says: not known."""
 PIECE = 50
-"""Bytes of text that a message carries."""
-_MOST_PIECES, _MOST_UNREAD = 6, 256
-
-
+"""Bytes of text that a STATUSTEXT message carries."""
+_MOST_PIECES = 6
+"""Messages that a text is split into at most; the rest of it is cut off."""
+_MOST_UNREAD = 256
+"""Sent texts that are kept for the reader; further ones are not."""
 _SHORTEST_US = 4_000
-"""As fast as PX4 publishes its state: 250 Hz."""
+"""Shortest interval of a message, as fast as PX4 publishes its state: 250 Hz."""
 _STAGGER_US = 1_000
+"""Time between the first messages of two streams, so that not all are due at once."""
 _TIMESYNC_NS = 100_000_000
+"""Period of TIMESYNC requests."""
 _STATION_US = 2_500_000
 """Time of silence after which a ground station has gone."""
 
 
 class MavlinkChannel:
-    """A link. Time is the vehicle's, since boot."""
+    """A link with its streams of telemetry. Times are the vehicle's, since boot."""
 
     def __init__(self, link: Link, stream_set: str, boot_us: int) -> None:
         """Begin with the streams of a set.
 
         Args:
-            link: over which all goes.
-            stream_set: `onboard` or `ground`.
+            link: sends and receives.
+            stream_set: `onboard`, for a companion computer, or `ground`, for a ground station.
             boot_us: time now.
         """
         self.link = link
@@ -125,10 +131,10 @@ class MavlinkChannel:
         """Take a TIMESYNC; answer it if it is a request.
 
         Args:
-            message: as it came.
-            peer: where it came from.
-            arrival_ns: when it came, since boot.
-            boot_ns: now.
+            message: TIMESYNC.
+            peer: address of the sender.
+            arrival_ns: its arrival, since boot.
+            boot_ns: time now.
         """
         if message.tc1 != 0:
             self.timesync.reply(message.tc1, message.ts1, arrival_ns)
@@ -281,11 +287,12 @@ class Endpoint:
     def _for_us(self, message: Any, or_all: bool) -> bool:
         """Return whether it is for this vehicle: its system, and its component or all of them."""
         system, component = self._ids
-        systems = (system, _EVERYBODY) if or_all else (system,)
-        target = getattr(message, "target_component", _EVERYBODY)
-        return message.target_system in systems and target in (_EVERYBODY, component)
+        systems = (system, _ALL_IDS) if or_all else (system,)
+        target = getattr(message, "target_component", _ALL_IDS)
+        return message.target_system in systems and target in (_ALL_IDS, component)
 
     def _refuse(self, reason: str) -> None:
+        """Count a message that is not used."""
         self.refused[reason] += 1
 
     def _heartbeat(self, routed: RoutedMessage) -> None:
@@ -293,6 +300,7 @@ class Endpoint:
             routed.channel.hear_station(self.vehicle.boot_us)
 
     def _command(self, routed: RoutedMessage) -> None:
+        """Carry out a command and acknowledge it; texts about it go first, as in PX4."""
         command = command_of(routed.received.message)
         number = command.number
         if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
@@ -329,6 +337,7 @@ class Endpoint:
         return Result.ACCEPTED
 
     def _run_checks(self) -> Result:
+        """Send a text for each preflight check that fails; refused while armed."""
         if self.vehicle.armed:
             return Result.TEMPORARILY_REJECTED
         for problem in self.vehicle.problems:
@@ -357,6 +366,7 @@ class Endpoint:
                     other.link.send(value)
 
     def _vision(self, routed: RoutedMessage) -> None:
+        """Give a pose to the estimator, at its stamp if clocks are in step, else at arrival."""
         message, timesync = routed.received.message, routed.channel.timesync
         pose = decode_vision(message)
         if isinstance(pose, str):
@@ -378,6 +388,7 @@ class Endpoint:
         self._switch_on = on
 
     def _target(self, routed: RoutedMessage) -> None:
+        """Hand a set point to the controller of OFFBOARD."""
         message = routed.received.message
         target = decode_setpoint(message)
         refusal = target if isinstance(target, str) else self.vehicle.target(target)
@@ -386,7 +397,9 @@ class Endpoint:
 
 
 Clock = Callable[[], int]
+"""Returns the time [ns]."""
 _SLIP_NS = 200_000_000
+"""A vehicle that is behind by more does not catch up: its time is delayed."""
 _PAUSE_S = 0.002
 """Longest time between two calls, so that commands meet a recent state."""
 
@@ -408,7 +421,7 @@ def serve(
         redraw: called after each round with the time since boot and the delay [ns].
 
     Returns:
-        the delay in all [ns].
+        the sum of all delays [ns].
     """
     began_ns, slipped_ns = monotonic_ns() - endpoint.vehicle.tick * TICK_NS, 0
     while not stop():

@@ -34,8 +34,10 @@ if TYPE_CHECKING:
 
 _GLOBAL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _NO_PLACE = 0x7FFFFFFF
+"""Latitude or longitude of COMMAND_INT that says: not given."""
 _MAIN_MODES = {mode.main for mode in modes.MODE_NAMES}
 _LARGEST_ID = 0xFFFFFF
+"""Largest number that is accepted as whole: a float holds all up to it exactly."""
 _LONGEST_TEST_S = 3.0
 """PX4 turns a motor no longer."""
 
@@ -152,6 +154,7 @@ class CommandServer:
 
 
 _TYPES = {"int32": mavlink.MAV_PARAM_TYPE_INT32, "float": mavlink.MAV_PARAM_TYPE_REAL32}
+"""Type of a parameter → MAV_PARAM_TYPE."""
 
 
 class ParameterServer:
@@ -173,12 +176,17 @@ class ParameterServer:
         return [mavlink.MAVLink_param_value_message(*content)]
 
     def answers(self, message: Any) -> list[Any]:
-        """Return PARAM_VALUE for PARAM_REQUEST_LIST, or _READ by name or by index."""
+        """Return the PARAM_VALUE messages that answer a request.
+
+        PARAM_REQUEST_LIST asks for all, PARAM_REQUEST_READ for one: by index, or by name where the
+        index is -1. An unknown one has no answer, as with PX4.
+        """
         if message.get_type() == "PARAM_REQUEST_LIST":
             return [value for name in self._names for value in self.value(name)]
         index = message.param_index
-        name = message.param_id if index < 0 else "".join(self._names[index : index + 1])
-        return self.value(name)
+        if index >= len(self._names):
+            return []
+        return self.value(message.param_id if index < 0 else self._names[index])
 
     def refuse_set(self, message: Any) -> str:
         """Carry out PARAM_SET, as PX4 does: out of bounds is taken, too; "" or why it is not."""
