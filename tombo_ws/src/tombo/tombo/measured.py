@@ -1,4 +1,7 @@
-"""Measured flights and thrust stands: read, and diagnosed."""
+"""Reads measured flights and diagnoses flights and thrust stands; the results are tables.
+
+Users know the classes as `tombo.Flight`, `tombo.Log` and `tombo.Diagnosis`.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,7 @@ class LogTables:
 
     @cached_property
     def findings(self) -> pd.DataFrame:
-        """Notes of the reader."""
+        """Notes of the reader, a row each, with the fields of `tombo_bag.flight.Finding`."""
         import pandas as pd
 
         return pd.DataFrame([vars(finding) for finding in self.flight.findings])
@@ -73,6 +76,7 @@ class DiagnosisTables:
     diagnosis: Diagnosis
     """The whole result; not a public interface."""
     against: NominalReference | None = None
+    """The model that measured flights were compared with; None: of a thrust stand."""
 
     @property
     def verdict(self) -> str:
@@ -86,7 +90,10 @@ class DiagnosisTables:
 
     @cached_property
     def causes(self) -> pd.DataFrame:
-        """The effects that the data call for, a row for each parameter, with its 95 % interval."""
+        """The causes of the errors, a row for each parameter.
+
+        Value and 95 % interval low to high are in `unit`; confidence is a probability, 0 to 1.
+        """
         import pandas as pd
 
         of_parameter = ("name", "value", "low", "high", "unit")
@@ -105,7 +112,10 @@ class DiagnosisTables:
 
     @cached_property
     def candidates(self) -> pd.DataFrame:
-        """All effects that were tried, the most probable first."""
+        """All effects that were tried, the most probable first.
+
+        `evidence`: log Bayes factor against no cause; `excited`: the flights would show it.
+        """
         import pandas as pd
 
         columns = ("effect", "probability", "gain", "evidence", "excited", "remark")
@@ -152,7 +162,7 @@ def read(path: str | Path, mapping: str | Path | None = None) -> FlightTables | 
         A `Flight`, if the suite itself recorded it with its ground truth; else a `Log`.
 
     Raises:
-        InputError: it can't be read; says why and what is accepted.
+        InputError: it can't be read; names the reason and the accepted formats.
     """
     from tombo_bag.flight_time import FLIGHT_METADATA
     from tombo_bag.recording import Recording

@@ -30,8 +30,9 @@ from tombo_dynamics.vehicle import VehicleParams
 _IMPORTED: dict[str, str] = {}
 """Absolute path → a hash of the content, of the files that are imported in this process."""
 _NORMALS = 9
-"""Numbers in a row of noise."""
+"""Standard normal numbers that an effect gets in a tick."""
 _COMPOSED = "tombo_dynamics.effects.compose"
+"""The module that compiles all effects together when it is imported."""
 _ACCEPTED = (
     "a file with a function that @effect decorates, or a subclass of tombo.Reaction with its name"
 )
@@ -63,6 +64,7 @@ def with_imports(module: str) -> tuple[str, ...]:
 
 
 def _import(given: str) -> None:
+    """Import a file; on an error the registries are as before."""
     path, what = Path(given).resolve(), f"--import '{given}'"
     if str(path) in _IMPORTED:
         return
@@ -97,7 +99,10 @@ def _import(given: str) -> None:
 
 
 def _enter(module: ModuleType, what: str) -> bool:
-    """Check what a module defines; return whether it is compiled code."""
+    """Check the effects and reactions of a module; return whether it has effects: compiled code.
+
+    `what`: begins the message of an error.
+    """
     name = module.__name__
     new_effects = [effect for effect in effects.REGISTRY.values() if effect.module == name]
     new_reactions = [kind for kind in reactions.REGISTRY.values() if kind.__module__ == name]
@@ -146,7 +151,11 @@ def _try(effect: Effect, what: str) -> None:
 
 
 def _main(words: Sequence[str]) -> None:
-    """Import files, then run a module with the arguments after it."""
+    """Import files, then run a module as `python -m` does, in this process.
+
+    Args:
+        words: FILE... -- MODULE [ARGUMENT ...].
+    """
     files = words[: words.index("--")]
     import_files(files)
     sys.argv = list(words[len(files) + 1 :])
@@ -154,6 +163,7 @@ def _main(words: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    from tombo_flight.own_files import _main as main_of_the_module  # not this copy of it
+    # `__main__` is a second copy of this module, with a `_IMPORTED` that others do not see
+    from tombo_flight.own_files import _main as main_of_the_module
 
     main_of_the_module(sys.argv[1:])

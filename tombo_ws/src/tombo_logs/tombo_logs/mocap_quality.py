@@ -27,7 +27,12 @@ from tombo_logs.checks.spans import runs, sample_interval, white_noise
 
 LEAST_RATE_HZ = 30.0
 """Rate below which PX4's EKF2 and the detector are not fed as docs/px4.md asks."""
+_RATE_TOLERANCE = 0.95
+"""Share of that rate that still passes: a system set to 30 Hz may give 29.97."""
 _LEAST_POSES = 30
+"""Poses that a recording must have for the checks: a second at the lowest rate."""
+_LEAST_LATENESS_S = 2e-4
+"""Smallest delay of any real pose: if all are below it, arrivals were written as stamps."""
 _LARGEST_VOLUME_M = 50.0
 """Size of the largest halls with motion capture; farther apart, poses are in another unit."""
 _STILL_M = 0.02
@@ -37,12 +42,11 @@ _SWAPPED_RAD, _SWAPPED_RATE = np.radians(12.0), 35.0
 _ALIGNED = 0.7
 """Share of the gyro's variance that a turned attitude must explain."""
 _AHEAD_S, _BEHIND_S = 0.03, 0.15
-"""Stamps ahead of the gyro's, or behind by more than any motion capture needs."""
+"""s: stamps ahead of the gyro's, or behind by more than any motion capture needs."""
 _STRUCK = frozenset({"crash", "contact"})
 """Checks of a log whose spans are left out of the comparison with the gyro."""
-_QUIET_S = 1.0
-_QUIET_M_S = 0.02
-"""The body is at rest for so long, slower than this: its noise is measured there."""
+_QUIET_S, _QUIET_M_S = 1.0, 0.02
+"""s, m/s: a body that is slower for this time is at rest, and its noise is measured there."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +108,7 @@ def _finding(key: str, message: str) -> list[MocapFinding]:
 
 
 def _unit(position: Series) -> list[MocapFinding]:
+    """Check that positions are in metres."""
     size = float(np.nanmax(np.abs(position.values)))
     if size < _LARGEST_VOLUME_M:
         return []
@@ -147,6 +152,7 @@ def _axes(position: Series, attitude: Series, motion: EvenFlight | None) -> list
 
 
 def _still(position: Series) -> list[MocapFinding]:
+    """Check that the body moves; the outermost 2 % of positions may be single wrong ones."""
     size = float(np.ptp(np.nanpercentile(position.values, [2.0, 98.0], axis=0), axis=0).max())
     if size > _STILL_M:
         return []
@@ -158,6 +164,7 @@ def _still(position: Series) -> list[MocapFinding]:
 
 
 def _swapped(attitude: Series) -> list[MocapFinding]:
+    """Check for jumps of the attitude that no vehicle makes: markers were taken for each other."""
     usable = np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0) < 0.1
     t, q = attitude.t[usable], attitude.values[usable]
     step = sample_interval(t)
@@ -176,6 +183,7 @@ def _swapped(attitude: Series) -> list[MocapFinding]:
 
 
 def _frozen(position: Series, attitude: Series) -> list[MocapFinding]:
+    """Check for poses that are repeated to the bit."""
     spans = frozen_spans(position.t, position.values)
     spans = spans or frozen_spans(attitude.t, attitude.values)
     if not spans:
@@ -189,17 +197,19 @@ def _frozen(position: Series, attitude: Series) -> list[MocapFinding]:
 
 
 def _rate(position: Series) -> list[MocapFinding]:
-    rate = 1.0 / sample_interval(position.t)
-    if rate >= LEAST_RATE_HZ * 0.95:
+    """Check that poses are frequent enough, by the usual interval of their stamps."""
+    rate_hz = 1.0 / sample_interval(position.t)
+    if rate_hz >= LEAST_RATE_HZ * _RATE_TOLERANCE:
         return []
     return _finding(
         "rate",
-        f"{rate:.1f} poses in a second; expected: {LEAST_RATE_HZ:g} or more. Raise the rate of "
+        f"{rate_hz:.1f} poses in a second; expected: {LEAST_RATE_HZ:g} or more. Raise the rate of "
         "the system, and look for a network that loses packets",
     )
 
 
 def _gaps(position: Series) -> list[MocapFinding]:
+    """Check for times without poses."""
     spans = gap_spans(position.t)
     longest = max((end - begin for begin, end in spans), default=0.0)
     if longest <= LONG_S:
@@ -240,15 +250,19 @@ def _stamps(position: Series, motion: EvenFlight | None) -> list[MocapFinding]:
 
 
 def _latency(position: Series) -> Array | None:
-    """Return arrival minus stamp of the poses [s]; None: arrivals are not known, or the stamps."""
+    """Return arrival minus stamp of each pose [s] (N,), without NaN.
+
+    None if arrivals are not known, or equal the stamps: one was then copied from the other.
+    """
     if position.arrival is None or position.arrival.size != position.t.size:
         return None
     late: Array = position.arrival - position.t
     late = late[np.isfinite(late)]
-    return late if late.size and np.abs(late).max() > 2e-4 else None
+    return late if late.size and np.abs(late).max() > _LEAST_LATENESS_S else None
 
 
 def _figures(position: Series, attitude: Series) -> dict[str, float | None]:
+    """Return the figures of `MocapQuality`; the noise is that of three axes together."""
     t, values = position.t, position.values
     spans = gap_spans(t)
     late_s = _latency(position)

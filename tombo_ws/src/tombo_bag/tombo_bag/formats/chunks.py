@@ -83,10 +83,18 @@ def chunk_bodies(
 
 
 def write_message_index(stream: RecordBuilder, channel: int, rows: NDArray[np.uint64]) -> None:
-    """Append a message index record; the library's own loops over its entries."""
+    """Append the message index record of a channel, as the MCAP format has it.
+
+    The library's own writes entry by entry; here all go at once.
+
+    Args:
+        stream: to append to.
+        channel: number of the channel.
+        rows: (n, 2) log time [ns], and offset of the message's record in the chunk's body [bytes].
+    """
     stream.start_record(Opcode.MESSAGE_INDEX)
     stream.write2(channel)
-    stream.write4(rows.size * 8)
+    stream.write4(rows.size * 8)  # bytes that follow: each number has 8
     stream.write(rows.astype("<u8").tobytes())
     stream.finish_record()
 
@@ -98,7 +106,14 @@ def message_records(
     publish_times_ns: NDArray[Any] | Sequence[int] | None,
     first_sequence: int,
 ) -> tuple[NDArray[np.void], list[bytes]]:
-    """Return one channel's messages as MCAP records, in order of log time, and their heads.
+    """Return heads (N,) of HEAD of a channel's messages and their MCAP records, by log time.
+
+    Args:
+        channel: number of the channel.
+        log_times_ns: (N,) integers.
+        messages: (N,) structured array, or N messages as bytes.
+        publish_times_ns: (N,) integers; None: the log times.
+        first_sequence: sequence number of the first message.
 
     Raises:
         InputError: lengths differ, or a time is negative or no integer.
@@ -128,6 +143,7 @@ def message_records(
 
 
 def _times(times: NDArray[Any] | Sequence[int], channel: int) -> NDArray[np.uint64]:
+    """Return times (N,) [ns] as MCAP has them; refuse what it can't hold."""
     given = np.asarray(times)
     if given.dtype.kind not in "iu" or (given.size and given.min() < 0):
         raise InputError(

@@ -156,7 +156,12 @@ class McapSink:
         return channel.id
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Write named text values."""
+        """Write a metadata record of text values at once, between the chunks.
+
+        Raises:
+            ValueError: the file is closed.
+            OSError: the disk is full or failed.
+        """
         self._check_open()
         record = _bytes(Metadata(name=name, metadata=dict(values)))
         index = MetadataIndex(self.size, len(record), name)
@@ -292,6 +297,7 @@ class McapSink:
 
 
 def _bytes(*records: McapRecord) -> bytes:
+    """Return records as the file has them."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)

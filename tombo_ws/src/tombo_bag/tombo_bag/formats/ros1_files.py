@@ -132,6 +132,7 @@ class Ros1File(BagFile):
         self._reader.close()
 
     def _topics(self) -> dict[str, TopicSummary]:
+        """Return type, count and times of each topic, over all of its connections."""
         parts: dict[str, list[tuple[int, int, int]]] = {}
         typenames: dict[str, str] = {}
         for connection in self._reader.connections:
@@ -153,16 +154,18 @@ class Ros1File(BagFile):
             return self._messages(here)
 
     def _messages(self, topics: list[str]) -> dict[str, RawMessages]:
+        """Read the messages of topics; note as damage the ones that do not fit their type."""
         lost: Counter[str] = Counter()
         connections = [c for c in self._reader.connections if c.topic in topics]
 
         def rows() -> Iterator[tuple[str, int, bytes]]:
-            for connection, time, data in self._reader.messages(connections):
+            """Yield topic, time of recording [ns] and message as ROS 2 writes it (CDR)."""
+            for connection, time_ns, data in self._reader.messages(connections):
                 topic = connection.topic
                 message = ros1_as_cdr(self._store(topic), connection.msgtype, data)
                 lost[topic] += message is None
                 if message is not None:
-                    yield topic, time, message
+                    yield topic, time_ns, message
 
         read = by_topic(topics, rows() if connections else ())
         for topic, count in (+lost).items():

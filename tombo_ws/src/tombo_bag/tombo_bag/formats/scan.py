@@ -23,9 +23,13 @@ from tombo_bag.formats.chunks import HEAD, MAGIC, PREFIX_SIZE
 from tombo_bag.formats.unpacking import unpack
 
 _RECORD = struct.Struct("<BQ")
+"""Head of a record, as the MCAP format has it: opcode, length of the body."""
 _CHUNK = struct.Struct("<QQQII")
+"""Start and end [ns], size unpacked, checksum, length of the compression's name."""
 _MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time [ns]."""
 _FIRST_PRIVATE = 0x80
+"""First opcode that is free for private use."""
 _DAMAGE = (struct.error, ValueError, IndexError, EndOfFile)
 """Errors of reading a damaged record."""
 
@@ -108,7 +112,7 @@ def walk(file: memoryview) -> FileMap:
 
 
 def _records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview]]:
-    """Yield opcode, place and body of each record that is whole."""
+    """Yield opcode, offset in `data` and body of each whole record from offset `at` on."""
     while at + PREFIX_SIZE <= len(data):
         opcode, length = _RECORD.unpack_from(data, at)
         body = at + PREFIX_SIZE
@@ -132,6 +136,7 @@ def note(file_map: FileMap, opcode: int, body: memoryview) -> None:
 
 
 def _chunk(file_map: FileMap, at: int, body: memoryview, *, whole: bool) -> None:
+    """Note the chunk at offset `at` of the file, as far as it is there."""
     if len(body) < _CHUNK.size:
         return
     start, end, size, checksum, name_size = _CHUNK.unpack_from(body)

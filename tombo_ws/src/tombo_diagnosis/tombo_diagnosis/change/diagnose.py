@@ -171,6 +171,11 @@ def _controller(new: Sequence[Flight], healthy: Sequence[Flight]) -> ControllerR
 
 
 def _common_drive(flights: Sequence[AirborneFlight]) -> str:
+    """Return the first channel of DRIVES that every flight has, with more than 20 samples.
+
+    Raises:
+        InputError: no such channel.
+    """
     for drive in DRIVES:
         if all(drive in f.log.series and f.log.series[drive].t.size > 20 for f in flights):
             return drive
@@ -218,22 +223,31 @@ def _check_fly(flights: Sequence[AirborneFlight], features: Sequence[Features]) 
 def _changes(
     member: CandidateResult, verdict: ChangeVerdict, mass: float, arm: float
 ) -> list[Change]:
-    """Return a member as it is reported; of a named pair one entry each."""
+    """Return the entries of the report for a candidate of the verdict: two for a pair of rotors.
+
+    The verdict's confidence is shared out over its candidates by their probabilities.
+
+    Args:
+        member: one of `verdict.members`.
+        verdict: of the comparison with healthy flights.
+        mass: of the vehicle [kg]; sizes are shares of it.
+        arm: from the centre to a rotor's axis [m]; offsets are shares of it.
+    """
     candidate = member.candidate
-    whole = sum(m.probability for m in verdict.members)
-    sure = member.probability * verdict.confidence / whole
+    total = sum(m.probability for m in verdict.members)
+    confidence = verdict.confidence * member.probability / total
     theta = _theta(member, mass, arm)
     if verdict.verdict == "named" and "+" in candidate.rotor:
         return [
-            Change(candidate.effect, rotor, (part,), sure)
+            Change(candidate.effect, rotor, (part,), confidence)
             for rotor, part in zip(candidate.rotor.split("+"), theta, strict=True)
         ]
-    return [Change(candidate.effect, candidate.rotor, theta, sure)]
+    return [Change(candidate.effect, candidate.rotor, theta, confidence)]
 
 
 def _equal(mass: Change) -> Change:
     """Return the thrust change of all propellers with the same commands as a mass change."""
-    (share,) = mass.theta
+    (share,) = mass.theta  # a heavier vehicle needs the commands of one with less thrust
     value, high, low = (1.0 / (1.0 + x) - 1.0 for x in (share.value, share.low, share.high))
     return Change(
         _EQUAL, "", (FittedParameter("fraction", "1", 0.0, value, low, high),), mass.confidence
@@ -241,7 +255,10 @@ def _equal(mass: Change) -> Change:
 
 
 def _theta(member: CandidateResult, mass: float, arm: float) -> tuple[FittedParameter, ...]:
-    """Return the sizes of a member as parameters: as the registry names them."""
+    """Return the sizes of a candidate as parameters of the registry, with 95 % intervals.
+
+    `mass` [kg] and `arm` [m] are as of `_changes`.
+    """
     candidate = member.candidate
     names, unit, scale = {
         UNBALANCE: ((), "1", 1.0),
@@ -257,6 +274,10 @@ def _theta(member: CandidateResult, mass: float, arm: float) -> tuple[FittedPara
 
 
 def _scores(comparison: HealthyComparison, seen: Mapping[str, float]) -> tuple[Score, ...]:
+    """Return the candidates as scores: evidence is the logarithm of the odds against no change.
+
+    `seen`: label → smallest size that would be seen, a share; only of some.
+    """
     none = max(comparison.none, 1e-300)
     return tuple(
         Score(

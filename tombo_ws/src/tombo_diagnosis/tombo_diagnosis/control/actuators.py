@@ -1,4 +1,4 @@
-"""Whether rotors give the thrust that is asked for, and what each is asked for by set points."""
+"""Thrust that the rotors give over the thrust asked for; commands of rotors from set points."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from tombo_logs.checks.spans import block_means
 ACTUATORS: Final = "actuators"
 """The loop's name in `thrust_gain`."""
 AS_ASKED: Final = LoopGain(ACTUATORS, "z", "gain", "1", 1.0, 1.0, 1.0)
+"""Gain of rotors that give the thrust asked for."""
 _BLOCK_S, _FEWEST = 1.0, 4
-"""Length and least number of the blocks whose scatter gives the interval."""
+"""Length [s] and least number of the blocks whose scatter gives the interval."""
 _STRUCTURE: Final = 0.04
 """Relative standard error of values that no log has: a scale's, a barometer's, a falling
 supply's."""
@@ -55,7 +56,7 @@ def thrust_gain(flight: Flight, signals: ControlSignals) -> LoopFit | None:
 
 
 def _specific_force(flight: Flight, signals: ControlSignals) -> Array:
-    """Return the force along body z per mass [m/s^2], (N,): measured, or of the velocity."""
+    """Return the specific force along body z [m/s^2] (N,), measured or from the velocity."""
     accel = flight.series.get("accel")
     if accel is not None and accel.t.size:
         return np.asarray(np.interp(signals.t, accel.t, accel.values[:, 2]))
@@ -67,29 +68,37 @@ def _specific_force(flight: Flight, signals: ControlSignals) -> Array:
 
 
 def with_asked_rotors(flight: Flight) -> Flight:
-    """Return a flight with what thrust and torque set points ask of each rotor, as its command.
+    """Return a flight with commanded rotor speeds (N, 4) [rad/s], computed from its set points.
 
-    Only where it has an airframe and no commands of rotors. Speeds are such that the thrust set
-    point of the airframe's weight is `HOVER_SPEED`: thrust grows with the square.
+    `_mixer` turns collective thrust [N] and torque [N m], base_link, into rotor thrusts. These go
+    with the square of speed; hover is `HOVER_SPEED` by definition, as only ratios are used.
+    Samples in which a rotor would push down, or that have NaN, are left out.
+
+    The flight itself is returned if it has commands or speeds of rotors. It is also returned if
+    its airframe or one of the set points is not known, or no sample is left.
     """
     control, frame = flight.control, flight.airframe
-    wanted = ("thrust_setpoint", "torque_setpoint")
-    if frame is None or set(DRIVES) & set(flight.series) or not set(wanted) <= set(control):
+    needed = ("thrust_setpoint", "torque_setpoint")
+    if frame is None or set(DRIVES) & set(flight.series) or not set(needed) <= set(control):
         return flight
-    thrust, torque = (control[name] for name in wanted)
+    thrust, torque = (control[name] for name in needed)
     collective = thrust.values.reshape(thrust.t.size, -1)[:, 0]
     t = torque.t
-    asked = np.column_stack([np.interp(t, thrust.t, collective), torque.values])
-    share = 4.0 * asked @ _mixer(frame).T / (frame.mass * GRAVITY)
-    keep = np.isfinite(share).all(axis=1) & (share > 0.0).all(axis=1)
+    setpoint = np.column_stack([np.interp(t, thrust.t, collective), torque.values])
+    hover_thrust = frame.mass * GRAVITY / 4.0
+    ratio = setpoint @ _mixer(frame).T / hover_thrust
+    keep = np.isfinite(ratio).all(axis=1) & (ratio > 0.0).all(axis=1)
     if not keep.any():
         return flight
-    speed = Series(t[keep], HOVER_SPEED * np.sqrt(share[keep]))
+    speed = Series(t[keep], HOVER_SPEED * np.sqrt(ratio[keep]))
     return flight.with_series({**flight.series, "rotor_command": speed})
 
 
 def _mixer(frame: Airframe) -> Array:
-    """Return (4, 4): thrust of each rotor [N] by collective thrust [N] and torque [N m]."""
+    """Return (4, 4), which makes rotor thrusts [N] of collective thrust [N] and torque [N m].
+
+    Torque about body x, y, z; rotors in the order of ROTOR_NAMES.
+    """
     arm, drag = frame.arm_length, _DRAG_ARM * frame.rotor_radius
     effect = [np.ones(4), arm * ARM_Y, -arm * ARM_X, -drag * SPIN]
     return np.asarray(np.linalg.inv(np.array(effect)))

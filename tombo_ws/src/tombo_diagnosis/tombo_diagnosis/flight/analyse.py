@@ -201,25 +201,34 @@ def mean_wind(findings: FlightAnalysis) -> tuple[float, float]:
 
 
 def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemainder:
-    """Return the remainder of the best explanation, tested against known noise and gusts."""
+    """Return the remainder of the best explanation, tested against known noise and gusts.
+
+    Expected are the variances that healthy noise leaves, and stochastic effects where sensors
+    show them; the remainder is the excess over them, by channel. Gusts are fitted last, and only
+    to forces that nothing else explains: they can imitate any force.
+
+    Args:
+        problem: flights, their predictions and the nominal model.
+        result: the search for causes, whose best explanation is tested.
+    """
     nominal, best = problem.nominal, result.best.fit
     # Of a vehicle that the suite does not know, healthy noise is not known either.
     fits = [] if nominal.calibrated else fit_noise_effects(problem.tracks, nominal, problem.theta)
-    least = LOG_BF_FIRST + problem.setting.log_prior_cost
-    noise_fits = select_noise_fits(fits, least)
+    least_log_bf = LOG_BF_FIRST + problem.setting.log_prior_cost
+    noise_fits = select_noise_fits(fits, least_log_bf)
     theta = best.theta.copy()
-    for fit in sorted(fits, key=lambda each: each.evidence):
+    for fit in sorted(fits, key=lambda each: each.evidence):  # the most probable is set last
         if fit in noise_fits or _within_tolerance(fit, theta, nominal):
             theta[list(fit.free)] = fit.value
     measured = residual_variances(problem, best)
     expected = with_healthy(noise_variances(problem, theta), nominal.healthy)
     before = residual_variances(problem, problem.null_hypothesis)
     explanation = explained_excess(before, measured, expected)
-    rest = residual_excesses(measured, expected)
+    excesses = residual_excesses(measured, expected)
     gusts = None
     residual_r2 = 0.0
     forces_unexplained = any(
-        each.excess > 0.0 and each.channel.startswith(FORCE_CHANNELS) for each in rest
+        each.excess > 0.0 and each.channel.startswith(FORCE_CHANNELS) for each in excesses
     )
     if forces_unexplained:
         residual_r2 = cross_validated_r2(problem, best, FORCE_CHANNELS)
@@ -229,15 +238,16 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
         and _share_of_one_flight(problem, best, expected) <= _MAX_SHARE_OF_ONE_FLIGHT
     ):
         gust_fit = fit_gusts(problem, replace(best, theta=theta), measured)
-        if gust_fit.evidence > least and gust_fit.stronger:
+        if gust_fit.evidence > least_log_bf and gust_fit.stronger:
             gusts = gust_fit
             expected = with_healthy(noise_variances(problem, gust_fit.theta), nominal.healthy)
-            rest = residual_excesses(measured, expected)
+            excesses = residual_excesses(measured, expected)
     return weigh_remainder(
         FlightRemainder(
-            False, 0.0, False, explained=explanation.mean, scatter=tuple(noise_fits),
-            all_noise_fits=tuple(fits), gusts=gusts, expected=expected,
-            residual_excesses=tuple(rest), residual_r2=residual_r2,
+            clean=False, p_unexplained=0.0, mostly_explained=False,  # `weigh_remainder` sets them
+            explained=explanation.mean, scatter=tuple(noise_fits), all_noise_fits=tuple(fits),
+            gusts=gusts, expected=expected, residual_excesses=tuple(excesses),
+            residual_r2=residual_r2,
         ),
         explanation,
         nominal.calibrated,
@@ -314,7 +324,7 @@ def weigh_remainder(
 def select_noise_fits(fits: Sequence[NoiseFit], least: float = LOG_BF_FIRST) -> list[NoiseFit]:
     """Return the stochastic effects that are accepted, by their best way, most probable first.
 
-    `least`: log Bayes factor from which on one is.
+    `least`: log Bayes factor above which an effect is accepted.
     """
     best: dict[str, NoiseFit] = {}
     for fit in fits:
@@ -350,7 +360,11 @@ class ExplainedExcess:
 def explained_excess(
     before: ScaleVariances, after: ScaleVariances, expected: ScaleVariances
 ) -> ExplainedExcess:
-    """Return the shares of the excess over noise that an explanation removes."""
+    """Return the shares of the excess over noise that an explanation removes.
+
+    `before`, `after`: residual variances without and with it; `expected`: those of noise. The
+    excess is that of a channel's variance at its worst time scale, over the expected one.
+    """
     worst = {each.channel: each for each in residual_excesses(after, expected)}
     table = []
     for was in residual_excesses(before, expected):

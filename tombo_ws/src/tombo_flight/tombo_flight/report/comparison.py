@@ -1,4 +1,4 @@
-"""Two recordings compared: the result as a page."""
+"""The page of a comparison of two recordings, topic by topic and field by field."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ def comparison_page(
 
     Args:
         comparison: the result.
-        name_a: of the first recording.
-        name_b: of the second one.
-        fields: a row for each field that differs, too, not for each topic alone.
+        name_a: name of the first recording.
+        name_b: name of the second recording.
+        fields: add a table of the fields that differ; otherwise a remark says how to see them.
     """
     differing = sum(not topic.equal for topic in comparison.topics)
     total = len(comparison.topics)
-    remarks = ["Each field that differs: --topic NAME, or --json."] * (differing and not fields)
+    remark = Text(["Each field that differs: --topic NAME, or --json."])
     items: list[Item] = [_topics(comparison)]
     if fields and any(topic.fields for topic in comparison.topics):
         items.append(_fields(comparison))
@@ -32,11 +32,12 @@ def comparison_page(
         summary=f"{differing} of {total} topics differ."
         if differing
         else f"Nothing differs on {total} topics.",
-        sections=[Section("", items), Section("", [Text(remarks)] if remarks else [])],
+        sections=[Section("", items), Section("", [remark] if differing and not fields else [])],
     )
 
 
 def _topics(comparison: Comparison) -> Table:
+    """Return a row for each topic: numbers of messages, and the first difference."""
     rows = []
     for topic in comparison.topics:
         rows.append((
@@ -49,6 +50,7 @@ def _topics(comparison: Comparison) -> Table:
 
 
 def _fields(comparison: Comparison) -> Table:
+    """Return a row for each field that differs; the largest difference is in the field's unit."""
     rows: list[TableRow] = []
     for topic in comparison.topics:
         if topic.fields:
@@ -61,4 +63,5 @@ def _fields(comparison: Comparison) -> Table:
 
 
 def _time(time_s: float) -> str:
+    """Return a flight time with up to six digits after the point."""
     return f"{time_s:.6f}".rstrip("0").rstrip(".")

@@ -18,6 +18,8 @@ from tombo_dynamics.errors import InputError
 WORLDS = {"ENU": ("x", "y", "z"), "NED": ("y", "x", "-z"), "NWU": ("-y", "x", "z")}
 BODIES = {"FLU": ("x", "y", "z"), "FRD": ("x", "-y", "-z"), "RFU": ("y", "-x", "z")}
 _LETTERS = "xyz"
+_ZERO_NORM = 1e-6
+"""A quaternion with a smaller norm is a placeholder, zero up to rounding."""
 
 
 def axes_matrix(axes: Sequence[str], what: str) -> Array:
@@ -39,10 +41,10 @@ def axes_matrix(axes: Sequence[str], what: str) -> Array:
 
 
 def is_usable(quaternions: Array) -> NDArray[np.bool_]:
-    """Return which quaternions are finite and not zero."""
+    """Return which of the quaternions (..., 4) can be normalised, (...): finite and not zero."""
     with np.errstate(invalid="ignore", over="ignore"):
         norm = np.linalg.norm(quaternions, axis=-1)
-    return np.asarray(np.isfinite(norm) & (norm > 1e-6))
+    return np.asarray(np.isfinite(norm) & (norm > _ZERO_NORM))
 
 
 def turn_attitude(quaternions: Array, world: Array, body: Array, turn: Rotation) -> Array:
