@@ -42,11 +42,15 @@ from tombo_flight.scenario import Scenario, load_scenario
 CASES: Final = {"1": 12000, "64": 6000, "4096": 1000}
 """Number of vehicles → ticks of the course that they fly."""
 CORNERS: Final = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.2), (1.0, 1.0, 1.0), (0.0, 0.0, 1.0))
+"""Places that the course joins by straight legs, map [m]."""
 _ROUNDS: Final = 5
+"""Measurements of each case; the median counts."""
 _TICKS: Final = CASES["1"]
+"""Ticks of the whole course."""
 _SET_POINT_TICKS: Final = 20
 """Ticks between two set points: every position loop runs at 50 Hz."""
 _SPEED, _PAUSE_S, _SPREAD_M = 0.6, 0.2, 0.05
+"""Speed of a leg [m/s], rest after it, and half width of the cube of starts; chosen."""
 _DRAG: Final = 0.0075
 """N s/m in the disc plane, estimated, because: 0.28 1/s of mass, as small quadrotors show."""
 _SETTINGS: Final = (
@@ -127,7 +131,15 @@ def order(scenario: Scenario) -> dict[str, Any]:
 
 
 def fly_course(count: int, ticks: int) -> tuple[float, Array]:
-    """Fly N vehicles from their starts; return steps in a second of a core, and places (N, 3)."""
+    """Fly vehicles along the course, with true states in place of estimates.
+
+    Args:
+        count: N vehicles, from `starts`.
+        ticks: steps of 1 ms that each flies.
+
+    Returns:
+        Steps of all vehicles per second of processor time, and last positions (N, 3), map [m].
+    """
     scenario = course_scenario()
     flight = new_flight(scenario, 0)
     flight.plant.rotor_speed = flight.plant.rotor_command = hover_speed(scenario)
@@ -142,7 +154,7 @@ def fly_course(count: int, ticks: int) -> tuple[float, Array]:
         if start < ticks:
             store_leg(flight.autopilot.leg, leg)
             autopilots["leg"] = flight.autopilot["leg"]
-            for first in range(0, count, _BLOCK):
+            for first in range(0, count, _BLOCK):  # vehicles of a block stay in the cache
                 fly_vehicles(
                     plants, autopilots, flight.maps, flight.theta, flight.zero_noise,
                     first, min(first + _BLOCK, count), start, min(last, ticks),

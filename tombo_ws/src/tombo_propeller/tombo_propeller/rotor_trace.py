@@ -1,4 +1,4 @@
-"""Read a thrust or speed trace from a table."""
+"""Read a trace of a rotor, thrust or speed over time, from a table."""
 
 from __future__ import annotations
 
@@ -13,20 +13,26 @@ from tombo_logs.readers.csv_table import open_table
 
 _TIMES = ("time", "t", "timestamp", "stamp", "seconds")
 _THRUSTS, _SPEEDS = ("thrust", "force", "fz"), ("rpm", "speed", "omega")
+"""First words of columns' names, in the order in which they are looked for."""
 _TIME_UNIT = re.compile(r"[_ \[(](ms|us|µs)[\])]?$")
+"""End of a name as time_ms or time [ms]; without it times are seconds."""
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 
 
 @dataclass(frozen=True)
 class RotorTrace:
-    """Time [s] and thrust or speed, less the tare, in the column's unit."""
+    """Thrust or speed of a rotor over time, N samples as the file has them."""
 
     time: Array
+    """(N,) [s]"""
     value: Array
+    """(N,) the column minus the tare, in the column's own unit."""
     column: str
+    """Name of the column."""
     is_speed: bool
     """Whether it is a speed; thrust goes with its square."""
     notes: tuple[str, ...]
+    """Damage of the file, a line each."""
 
 
 def read_trace(
@@ -41,25 +47,29 @@ def read_trace(
         tare: reading of the unloaded cell, in the column's unit.
 
     Raises:
-        InputError: no such file or column.
+        InputError: no such file or column, no or several columns that fit, or a tare of NaN.
     """
     if not math.isfinite(tare):
         raise InputError(f"--tare {tare:g}; accepted: a finite number")
     table = open_table(path)
-    when = _column(table.columns, time_column, _TIMES, "time", path)
-    what = _column(table.columns, column, (*_THRUSTS, *_SPEEDS), "thrust or speed", path)
-    if when == what:
-        raise InputError(f"'{when}' for time and value both; accepted: two columns")
-    numbers, damage = table.numbers({when, what})
-    unit = _TIME_UNIT.search(when.lower())
-    seconds = numbers[when] * (_SECONDS[unit[1]] if unit else 1.0)
-    is_speed = any(word in what.lower() for word in _SPEEDS)
-    return RotorTrace(seconds, numbers[what] - tare, what, is_speed, damage)
+    times = _column(table.columns, time_column, _TIMES, "time", path)
+    values = _column(table.columns, column, (*_THRUSTS, *_SPEEDS), "thrust or speed", path)
+    if times == values:
+        raise InputError(f"'{times}' for time and value both; accepted: two columns")
+    numbers, damage = table.numbers({times, values})
+    unit = _TIME_UNIT.search(times.lower())
+    seconds = numbers[times] * (_SECONDS[unit[1]] if unit else 1.0)
+    is_speed = any(word in values.lower() for word in _SPEEDS)
+    return RotorTrace(seconds, numbers[values] - tare, values, is_speed, damage)
 
 
 def _column(
     columns: tuple[str, ...], name: str | None, usual: tuple[str, ...], what: str, path: Path
 ) -> str:
+    """Return the name of a column: the given one, or the one that begins with a usual word.
+
+    `what`: the quantity, for errors.
+    """
     if name is not None:
         if name not in columns:
             raise unknown_name(f"column in '{path}'", name, columns)

@@ -29,11 +29,22 @@ def enumerated() -> list[Case]:
 
 
 def examine(fixed: int, seed: int, number: int) -> Row:
-    """Fly a case and return what happened: the first `fixed` are enumerated, the rest random."""
+    """Fly a case, and return its faults and how the flight controller behaved.
+
+    Args:
+        fixed: number of the enumerated cases, which come first; random sequences follow.
+        seed: of the random sequences.
+        number: of the case, from 0.
+
+    Returns:
+        `faults` and `violations`, texts; `rows`, whose bit i says that row i of the state
+        machine's TABLE decided; `longest_ground_s`, the longest time with rotors on at the ground
+        in a descent [s].
+    """
     case = enumerated()[number] if number < fixed else random_case(seed, number - fixed)
     verdict = fly_case(case)
     return {
-        "faults": [one.text() for one in case],
+        "faults": [fault.text() for fault in case],
         "violations": violations(case, verdict),
         "rows": int(verdict.rows),
         "longest_ground_s": int(verdict.longest_ground) * STEP_TICKS * TICK_S,
@@ -41,14 +52,17 @@ def examine(fixed: int, seed: int, number: int) -> Row:
 
 
 def aggregate(fixed: int, rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the counts of all cases."""
-    taken = 0
+    """Return counts over all cases, and the rows of TABLE that no case used.
+
+    `fixed` and the keys of `rows` are as of `examine`.
+    """
+    used = 0
     for row in rows:
-        taken |= row["rows"]
+        used |= row["rows"]
     unused = [
         f"{row.state.name.lower()}: {row.condition.name.lower()}"
         for i, row in enumerate(TABLE)
-        if not taken >> i & 1
+        if not used >> i & 1
     ]
     return {
         "enumerated": min(fixed, len(rows)),

@@ -157,7 +157,10 @@ class LockstepRun:
 
     @property
     def _over(self) -> bool:
-        """It has landed and is disarmed, or waited for that for long enough; or never began."""
+        """The flight has ended and the vehicle is disarmed, or `_DISARM_S` have passed since.
+
+        A flight that has not begun is over when PX4 was not ready within its time.
+        """
         if self._began_ns is None:
             verdict, now_s = (self._bridge.checklist.verdict, (self._now_ns - EPOCH_NS) * 1e-9)
             known = verdict is not None and bool(verdict.mistake) and verdict.sure
@@ -168,10 +171,12 @@ class LockstepRun:
         return not self._px4.armed or self._flown_s - self._over_s > _DISARM_S
 
     def fly(self) -> None:
-        """Fly until it is over.
+        """Fly until the vehicle has landed and is disarmed, or the time for that has passed.
+
+        The wall time that it takes goes to the summary.
 
         Raises:
-            InputError: as `LockstepPx4.fly`.
+            InputError: PX4 does not start, or stops answering.
         """
         began_s = time.monotonic()
         self._px4.fly(lambda: self._over)

@@ -26,17 +26,26 @@ HIGHEST_M: Final = 1.0
 LONGEST_S: Final = 10.0
 """From the lift-off until it is disarmed."""
 _LIFTED_M: Final = 0.02
+"""Height above the first position from which on it has lifted off."""
 _HAND_S: Final = 5.0
 """When the hand begins: PX4 has started, and its estimator has settled."""
+_SWING_RAD: Final = 0.06
+_SWING_RATIOS: Final = np.array([1.0, 0.7, 0.4])
+"""Phase of another vehicle's swing from pose to pose [rad], times the ratio of x, y, z; chosen:
+unequal, so that it does not swing along a line."""
+_SWING_TURN: Final = 0.2
+"""Vector part of its quaternion for a metre of the swing [1/m], chosen."""
 
 
 def _turn(axis: int, degrees: float) -> Array:
+    """Return the quaternion (4) xyzw of a turn about an axis, 0 to 2."""
     q = np.zeros(4)
     q[axis], q[3] = math.sin(math.radians(degrees) / 2), math.cos(math.radians(degrees) / 2)
     return q
 
 
 def _body(axis: int, degrees: float) -> AsMocap:
+    """Return the poses of a rigid body that is turned against the vehicle."""
     turn = _turn(axis, degrees)
     return lambda place, q: (place, quaternion_multiply(q, turn))
 
@@ -85,34 +94,38 @@ WRONG_AXES: Final[Mapping[str, WrongAxes]] = {
 class _OtherBody:
     """Poses of a body that is not, or no longer, the vehicle.
 
-    It stays at the first pose that is higher than `from_height_m`, with noise or without, or
-    swings about it as another vehicle does.
+    It stays at the first pose that is higher than `from_height_m`, or swings about it as another
+    vehicle does. `noise`: standard deviation of each coordinate [m], and of the three components
+    of the quaternion's vector part; 0: the pose is repeated to the bit.
     """
 
     from_height_m: float = -math.inf
-    noise_m: float = 1e-3
+    noise: float = 1e-3
     swing_m: float = 0.0
-    _pose: tuple[Array, Array] | None = None
-    _calls: int = 0
+    _first_pose: tuple[Array, Array] | None = None
+    _poses: int = 0
 
-    def __call__(self, place: Array, q: Array) -> tuple[Array, Array]:
-        self._calls += 1
-        if self._pose is None:
-            if place[2] < self.from_height_m:
-                return place, q
-            self._pose = place.copy(), q.copy()
-        noise = self.noise_m * np.random.default_rng(self._calls).standard_normal(6)
-        swing = self.swing_m * np.sin(0.06 * self._calls * np.array([1.0, 0.7, 0.4]))
-        turn = np.append(noise[3:] + 0.2 * swing, 1.0)
-        pose, attitude = self._pose
-        turned = quaternion_multiply(attitude, turn / np.linalg.norm(turn))
-        return (pose + noise[:3] + swing, turned) if self.noise_m else self._pose
+    def __call__(self, position: Array, attitude: Array) -> tuple[Array, Array]:
+        """Return position (3) [m] and attitude (4) xyzw to send for the true ones, both in map."""
+        self._poses += 1
+        if self._first_pose is None:
+            if position[2] < self.from_height_m:
+                return position, attitude
+            self._first_pose = position.copy(), attitude.copy()
+        if self.noise == 0.0:
+            return self._first_pose
+        first_position, first_attitude = self._first_pose
+        noise = self.noise * np.random.default_rng(self._poses).standard_normal(6)
+        swing = self.swing_m * np.sin(_SWING_RAD * self._poses * _SWING_RATIOS)
+        turn = np.append(noise[3:] + _SWING_TURN * swing, 1.0)
+        turned = quaternion_multiply(first_attitude, turn / np.linalg.norm(turn))
+        return first_position + noise[:3] + swing, turned
 
 
 BAD_BODIES: Final[Mapping[str, tuple[Callable[[], AsMocap], str]]] = {
     "body on the floor": (_OtherBody, "does not move"),
-    "frozen from the start": (lambda: _OtherBody(noise_m=0.0), "repeats"),
-    "frozen in flight": (lambda: _OtherBody(0.6, noise_m=0.0), "repeats"),
+    "frozen from the start": (lambda: _OtherBody(noise=0.0), "repeats"),
+    "frozen in flight": (lambda: _OtherBody(0.6, noise=0.0), "repeats"),
     "stuck in flight, with noise": (lambda: _OtherBody(0.6), ""),
     "body of another vehicle": (lambda: _OtherBody(swing_m=0.1), "another body"),
     "positions x 1.5": (lambda: lambda place, q: (1.5 * place, q), "times as far"),

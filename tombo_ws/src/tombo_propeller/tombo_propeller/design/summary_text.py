@@ -12,6 +12,7 @@ from tombo_propeller.design.flight_files import is_built_in
 from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Criterion, DesignLimit
 
 _BENCH_RPM = 2000.0
+"""Speed at which the paper measured thrust and collision force (Table III) [rpm]."""
 EVIDENCE = ("measured", "predicted within what was tested", "extrapolated")
 """Basis of the figures of a candidate, by tier."""
 KEY = "* measured; ≤ upper end of a prediction; ? outside of what was tested; others modelled"
@@ -114,6 +115,7 @@ def caveats(design: Design, recommendation: Recommendation) -> list[str]:
 
 
 def _of_the_recommended(design: Design, index: int) -> list[str]:
+    """Return the caveats that concern the recommended candidate alone."""
     evaluated = design.evaluated
     hover = evaluated.operating.hover_speed[index] / RPM
     top = evaluated.operating.usable_speed[index] / RPM
@@ -199,12 +201,16 @@ def candidates_shown(design: Design, recommendation: Recommendation) -> list[tup
 def alternatives(
     design: Design, recommendation: Recommendation, most: int = 3
 ) -> list[tuple[int, str]]:
-    """Return further candidates: index, and the requirements that it fails or `_UNFLOWN`."""
+    """Return further candidates to show: index, and `_UNFLOWN` or the limits that it breaks.
+
+    First come up to `most` that keep to all limits and were not flown, the best first. Then come
+    the candidates that break the limits least.
+    """
     skip = {recommendation.index, *(i for i, _ in recommendation.failed)}
     feasible = [i for i in design.choice.order if i not in skip][:most]
-    chosen = [(i, _UNFLOWN) for i in feasible]
-    chosen += [(i, broken_by(design, i)) for i in design.choice.nearest]
-    return chosen
+    shown = [(i, _UNFLOWN) for i in feasible]
+    shown += [(i, broken_by(design, i)) for i in design.choice.nearest]
+    return shown
 
 
 def broken_by(design: Design, index: int) -> str:

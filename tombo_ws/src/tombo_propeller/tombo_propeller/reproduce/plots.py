@@ -21,12 +21,17 @@ from tombo_propeller.reproduce.computed_values import collapse
 from tombo_propeller.reproduce.reproduction import Reproduction, checks_summary, headline
 
 _LAW_MARKS: Final = {"published": "o", "repaired": "s", "consistent": "D"}
+"""Marker of each law of the nodus."""
 _CONF_COLOURS: Final = {0: style.MUTED, 1: style.ORANGE, 2: style.PURPLE, 3: style.SKY}
+"""Colours of the paper's configurations 0 (rigid) to 3 of the propeller."""
 _MEASURED: Final = style.INK
-_BLIND: Final = "#8A97A3"
+_MEAN_COLOUR: Final = "#8A97A3"
 _DPI: Final = 140
 _RC: Final = {**style.RC, "font.size": 10.0, "legend.fontsize": 9.0, "lines.linewidth": 1.7}
 _TOP_RPM: Final = 18000.0
+"""End of the axes of speed: the limit of the laws, `SPEED_LIMIT`."""
+_MEASURED_RPM: Final = (2000.0, 3200.0)
+"""Speeds at which the paper measured."""
 _DEGREES: Final = 180.0 / math.pi
 _styled: Final = mpl.rc_context(_RC)
 """Decorates what draws a whole figure."""
@@ -37,7 +42,7 @@ _QUANTITIES: Final = (
     ("beta_rad", "beta_deg", "flap β [deg]", _DEGREES, None),
     ("gamma_rad", "gamma_deg", "twist γ [deg]", _DEGREES, (0.0, 30.0)),
 )
-"""Of an operation, of an optimum, axis, factor, limits of the axis."""
+"""Field of `Operation`, field of `Optimum`, axis label, its units in one of SI, axis limits."""
 
 
 @_styled
@@ -104,6 +109,7 @@ def overview(r: Reproduction) -> Figure:
 
 
 def _under(laws: list[str]) -> str:
+    """Return the laws under which a claim holds, as words of a heading."""
     return f"law {', '.join(laws)}" if laws else "under no law"
 
 
@@ -138,7 +144,7 @@ def _table_3_thrust(axes: Axes, r: Reproduction) -> None:
         zorder=3,
     )  # fmt: skip
     mean = float(np.mean(soft))
-    axes.plot([0.5, len(confs) - 0.5], [mean, mean], color=_BLIND, ls=(0, (4, 2)), lw=1.3,
+    axes.plot([0.5, len(confs) - 0.5], [mean, mean], color=_MEAN_COLOUR, ls=(0, (4, 2)), lw=1.3,
               label="mean of Conf. 5–13", zorder=2)  # fmt: skip
     shift = np.linspace(-0.16, 0.16, max(len(r.numbers.laws), 2))
     for dx, (law, numbers) in zip(shift, r.numbers.laws.items(), strict=False):
@@ -149,9 +155,9 @@ def _table_3_thrust(axes: Axes, r: Reproduction) -> None:
 
 
 def _force_shares(axes: Axes, r: Reproduction) -> None:
-    """Draw each configuration's collision force over the rigid propeller's."""
+    """Draw each soft configuration's collision force over the rigid propeller's, Table III."""
     confs = list(r.paper.soft)
-    bound = 2.0 / 3.0
+    bound = 2.0 / 3.0  # the paper's claim
     rigid = r.paper.table_3[0].force_N.value
     shares = [r.paper.table_3[c].force_N.value / rigid for c in confs]
     colours = [style.VERMILLION if s >= bound else "#9DB4C8" for s in shares]
@@ -165,13 +171,15 @@ def _force_shares(axes: Axes, r: Reproduction) -> None:
 
 
 def _configurations(axes: Axes, confs: list[int]) -> None:
+    """Label the axis of configurations."""
     axes.set_xticks(range(len(confs)), ["rigid" if c == 0 else str(c) for c in confs])
     axes.set_xlabel("configuration; softest matrix first")
     axes.grid(visible=False, axis="x")
 
 
 def _maxima(axes: Axes, r: Reproduction) -> None:
-    axes.axvspan(2000.0, 3200.0, color=style.FAINT, alpha=0.8, lw=0, zorder=0)
+    """Draw thrust of Conf. 13 over speed under each law, with its maximum."""
+    axes.axvspan(*_MEASURED_RPM, color=style.FAINT, alpha=0.8, lw=0, zorder=0)
     axes.text(2600.0, 15.6, "measured", ha="center", va="top", size=8, color=style.MUTED)
     for name, law in r.numbers.laws.items():
         rpm, points = _curve(13, name, 0.0)
@@ -199,10 +207,10 @@ def _ratio_over_speed(axes: Axes, r: Reproduction, law: str) -> None:
 
 
 def _universal(axes: Axes, law: str) -> None:
-    """Draw thrust over G_N of all configurations under one law."""
+    """Draw thrust over the nodus' shear modulus G_N of all configurations under one law."""
     s, curves = collapse(law)
-    for one in curves:
-        axes.plot(np.sqrt(s), 1e6 * one[0], ".", ms=3, color=style.LAW_COLOURS[law])
+    for curve in curves:
+        axes.plot(np.sqrt(s), 1e6 * curve[0], ".", ms=3, color=style.LAW_COLOURS[law])
     axes.plot([], [], color=style.LAW_COLOURS[law], label=law)
     axes.set(xlabel="ω / √G_N [rad/(s √Pa)]", ylabel="T / G_N [µN/Pa]")
 

@@ -17,6 +17,7 @@ REPLAY_EXIT_CODES = (
     "when they differ by more than the tolerances; 2 for bad input."
 )
 FILE = "replay.json"
+"""Result in the folder of -o."""
 
 
 @record
@@ -67,15 +68,16 @@ def replay(
     )
     result, _ = publish(
         options.Results(as_json=copies.as_json, output=copies.output, force=True),
-        None,
-        (FILE,),
-        lambda on_progress: replay_bag(given.bag, request),
-        lambda result, folder: replay_page(result),
+        name=None,
+        files=(FILE,),
+        compute=lambda on_progress: replay_bag(given.bag, request),
+        page=lambda result, folder: replay_page(result),
     )
     raise typer.Exit(1 if given.strict and result.differences else 0)
 
 
 def _nodes(names: list[str]) -> tuple[str, ...]:
+    """Return the nodes of --node in the order of `NODES`; refuse other names."""
     from tombo_dynamics.errors import unknown_name
     from tombo_flight.replay.compared import NODES
 

@@ -1,4 +1,7 @@
-"""`tombo propeller design`: a nodus for a vehicle, and whether it flies as claimed."""
+"""`tombo propeller design`: a nodus for a vehicle, and whether it flies as claimed.
+
+The nodus is the elastic joint between hub and blade by which the propeller folds in a collision.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     from tombo_propeller.design.flight_check import Recommendation
 
 INFEASIBLE = 1
+"""Exit code: no candidate is recommended."""
 
 
 @record
@@ -46,6 +50,7 @@ def design(
     Exit code: 0 recommended; 1 nothing keeps to all limits, or to its claims in flight; 2 for bad
     input or output that can't be written; 130 after Ctrl-C, with nothing written.
     """
+    # before numpy is loaded: the matrices are too small for threads
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from tombo_flight.command_line import command_line
     from tombo_propeller.design.design import blade_of
@@ -53,30 +58,31 @@ def design(
     from tombo_propeller.design.page import DESIGN_FILES, design_page, write_design
     from tombo_propeller.design.request import DesignRequest, arm_of
 
-    known = own.read()
-    chosen = blade_of(known, given.blade)
+    library = own.read()
+    blade = blade_of(library, given.blade)
     request = DesignRequest(
         **vars(limits),
-        arm_m=arm_of(given.frame, chosen),
+        arm_m=arm_of(given.frame, blade),
         law=law.law or "repaired",
         extrapolate=given.extrapolate,
     )
 
     def run(on_progress: ProgressCallback) -> tuple[Design, Recommendation]:
-        from tombo_propeller.design.design import design as find
+        """Compute all candidates, then fly the best until one keeps to its claims."""
+        from tombo_propeller.design.design import design as compute_design
         from tombo_propeller.design.flight_check import recommend
 
         on_progress("loading the model", 0.0)
-        result = find(request, known, chosen, on_progress)
+        result = compute_design(request, library, blade, on_progress)
         return result, recommend(result, range(given.flights), on_progress)
 
     (_, recommendation), written = publish(
         results,
-        None,
-        DESIGN_FILES,
-        run,
-        lambda both, folder: design_page(*both),
-        lambda folder, both, on_progress: write_design(folder.staging, *both, on_progress),
+        name=None,
+        files=DESIGN_FILES,
+        compute=run,
+        page=lambda both, folder: design_page(*both),
+        write=lambda folder, both, on_progress: write_design(folder.staging, *both, on_progress),
     )
     if SCENARIO in written and not results.as_json:
         typer.echo(f"Fly it: {command_line(('fly', f'{results.output}/{SCENARIO}'))}")

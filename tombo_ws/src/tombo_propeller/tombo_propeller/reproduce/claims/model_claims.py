@@ -25,12 +25,15 @@ from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers, Optim
 from tombo_propeller.reproduce.paper_values import Paper
 
 EXACT = 1e-9
+"""Differences below it are rounding errors."""
 SAME_ANGLE_DEG = 0.1
 """No twist is printed at the optima; a figure shows no finer difference."""
 READING_DEG = 0.5
+"""A formula with smaller errors reads the angle right; estimated."""
 CHANCE = 0.05
 """Significance level."""
 DRAWS = 20_000
+"""Drawn sets of measurements: a probability of 0.05 is then known to 0.002."""
 STANDARD_ERRORS = 3.0
 """A slope this many standard errors from none is one."""
 
@@ -156,16 +159,24 @@ def gamma_mtf(_: Paper, law: LawNumbers, __: Numbers) -> ClaimResult:
 
 
 def _same_twist(optima: Mapping[int, Optimum]) -> ClaimResult:
-    spread, said = _spread(optima, "gamma_deg"), "none"
+    """Judge whether all configurations have the same twist at their optima."""
+    spread, text = _spread(optima, "gamma_deg"), "none"
     if spread is not None:
         twists = [optimum.gamma_deg for optimum in optima.values()]
-        said = f"{min(twists):.2f}–{max(twists):.2f}°"
+        text = f"{min(twists):.2f}–{max(twists):.2f}°"
     holds = holds_if(spread is not None and spread < SAME_ANGLE_DEG)
-    return ClaimResult(spread, holds, {"angle": SAME_ANGLE_DEG}, {"twist": said})
+    return ClaimResult(spread, holds, {"angle": SAME_ANGLE_DEG}, {"twist": text})
 
 
 def _spread(optima: Mapping[int, Optimum], name: str) -> float | None:
-    """Return the largest difference between configurations, None unless all have a maximum."""
+    """Return the largest difference between configurations of a value at their optima.
+
+    None: a configuration has no maximum within the law's range of speed.
+
+    Args:
+        optima: number of the configuration → its optimum.
+        name: field of `Optimum`, in whose unit the difference is.
+    """
     if not all(o.inside for o in optima.values()):
         return None
     values = [getattr(o, name) for o in optima.values()]
@@ -301,6 +312,7 @@ def _measured(paper: Paper) -> tuple[Array, Array]:
 
 
 def _computed(paper: Paper, law: LawNumbers) -> Array:
+    """Return the thrusts of the soft propellers by a law [N], in the order of `_measured`."""
     return np.array([law.low[c].thrust_N for c in paper.soft])
 
 
