@@ -13,6 +13,7 @@ import inspect
 import runpy
 import sys
 from collections.abc import Iterable, Sequence
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -63,6 +64,13 @@ def with_imports(module: str) -> tuple[str, ...]:
     return ("-m", __name__, *_IMPORTED, "--", module)
 
 
+class _Loader(SourceFileLoader):
+    """Writes no compiled file into the user's folder."""
+
+    def set_data(self, path: str, data: Any, *, _mode: int = 0o666) -> None:
+        """Keep nothing."""
+
+
 def _import(given: str) -> None:
     """Import a file; on an error the registries are as before."""
     path, what = Path(given).resolve(), f"--import '{given}'"
@@ -76,7 +84,7 @@ def _import(given: str) -> None:
     # A name of its own, the same in each process, so that objects can be sent between them, and
     # in each folder, so that machine code is found again.
     name = f"{path.stem}_{digest}"
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(name, path, loader=_Loader(name, str(path)))
     assert spec is not None and spec.loader is not None  # of every file that ends with .py
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module

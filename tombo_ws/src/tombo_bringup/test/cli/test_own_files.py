@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
+import subprocess
+import sys
 
 import pyarrow.parquet as pq
 import pytest
@@ -44,6 +46,11 @@ from tombo_dynamics.effects import Param, Stage, effect
 def late(plant, noise, force):
     plant.force[2] += force
 """
+BROKEN = {
+    "no_name.py": (LATE.replace("+= force", "+= force * nobody"), "'nobody' is not defined"),
+    "not_null.py": (LATE.replace("+= force", "+= 1.0 + force"), "when its parameters are null"),
+    "no_text.py": (LATE.replace("plant.force", "plant.nothing"), "effect 'late'"),
+}
 SHORT = ("--set", "duration=12", "--set", "mission.approach_time=6")
 
 
@@ -111,3 +118,16 @@ def test_what_is_no_file_with_a_reaction_is_refused(refused, tmp_path):
         refused(("fly", "--import", name), name, word)
     assert "half" not in REGISTRY
     refused(("fly", "--import", "nothere.py"), "nothere.py", "no such file")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_effect_is_refused_before_it_flies(name, tmp_path):
+    text, word = BROKEN[name]
+    (tmp_path / name).write_text(text)
+    done = subprocess.run(  # of its own: this one has loaded the flight
+        [sys.executable, "-m", "tombo_bringup.cli.main", "list", "effects", "--import", name],
+        cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert name in done.stderr and word in done.stderr and "Traceback" not in done.stderr

@@ -124,7 +124,7 @@ def open_output(
         InputError: a file, not empty and `replace` is False, or not writable; the disk is full.
     """
     made = missing_folders(path)
-    if not numbered and path.exists() and not path.is_dir():
+    if not numbered and os.path.lexists(path) and not os.path.isdir(path):
         raise InputError(f"output folder '{path}': it is a file; accepted: a folder, new or empty")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
