@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bag_rewrite import rewrite
+from bag_rewrite import metadata_of, rewrite
 
 from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
@@ -123,6 +123,24 @@ def test_a_statistic_that_is_not_the_filters_is_a_finding(short_flight, tmp_path
     assert f"of {result.nodes['detector'].values['filterpy']['compared']} poses" in line
     assert result.nodes["detector"].values["filterpy"]["differing"] > 200
     assert result.differences == []
+
+
+@pytest.mark.slow
+def test_a_reaction_without_recorded_events_gets_the_replayed_detectors(short_flight, tmp_path):
+    def without_events(topic, count):
+        return np.full(count, topic != "/collision_event")
+
+    path = rewrite(
+        short_flight,
+        tmp_path / "old.mcap",
+        metadata=metadata_of(short_flight),
+        keep=without_events,
+    )
+    result = replay_bag(path, ReplayRequest(nodes=("reaction",)))
+    assert any("it gets the replayed detector's" in line for line in result.findings)
+    reaction = result.nodes["reaction"].values
+    assert reaction["switches_replayed"] == reaction["switches_recorded"] == 1
+    assert reaction["setpoint"]["max_m"] < 1e-9
 
 
 @pytest.mark.slow

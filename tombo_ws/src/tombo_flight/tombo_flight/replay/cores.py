@@ -12,7 +12,7 @@ import numpy as np
 
 from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import DETECTOR_STATUS, MOCAP_POSE, ODOMETRY, TOPICS
+from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE, ODOMETRY, TOPICS
 from tombo_dynamics.arrays import Times
 from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.errors import InputError
@@ -93,6 +93,12 @@ def through_core(inputs: Inputs, node: str) -> tuple[dict[str, Stream], dict[str
         alive = [neutral(DetectorStatus, int(now)) for now in arrivals]
         streams[DETECTOR_STATUS.name] = arrivals, alive
         inputs.findings.append(f"{node}: no {DETECTOR_STATUS.name} in the bag; taken for alive")
+    without_events = COLLISION_EVENT.name not in inputs.recording.topics
+    if COLLISION_EVENT.name in streams and without_events and len(inputs.poses.stamp_ns):
+        streams[COLLISION_EVENT.name] = through_core(inputs, "detector")[0][COLLISION_EVENT.name]
+        inputs.findings.append(
+            f"{node}: no {COLLISION_EVENT.name} in the bag; it gets the replayed detector's"
+        )
     if inputs.is_paced_by_ticks():
         for topic in _PUBLISHED_BY_CORES & set(streams):
             times, messages = streams[topic]
