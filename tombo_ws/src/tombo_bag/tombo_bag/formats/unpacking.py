@@ -37,21 +37,26 @@ def unpack(how: str, data: Any, size: int | None = None) -> Any:
     import zstandard
     from lz4.frame import LZ4FrameDecompressor
 
-    most = largest_size() if size is None else size
+    largest = largest_size()
+    most = largest if size is None else min(size, largest)
     try:
-        if most > largest_size() or (how == "zstd" and zstandard.frame_content_size(data) > most):
-            raise ValueError(f"it holds more than {min(most, largest_size())} bytes")
         if how == "zstd":
-            return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-        if how == "lz4":
-            return LZ4FrameDecompressor().decompress(bytes(data), max_length=most)
-        if how == "bz2":
-            return bz2.BZ2Decompressor().decompress(data, most)
+            if zstandard.frame_content_size(data) > most:
+                raise ValueError(f"it holds more than {most} bytes")
+            plain = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+        elif how == "lz4":
+            plain = LZ4FrameDecompressor().decompress(bytes(data), max_length=most + 1)
+        elif how == "bz2":
+            plain = bz2.BZ2Decompressor().decompress(data, most + 1)
+        elif how in ("", "none"):
+            return data
+        else:
+            raise ValueError(f"compression '{how}' is none of zstd, lz4, bz2 or none")
     except (zstandard.ZstdError, RuntimeError, OSError, EOFError, MemoryError) as error:
         raise ValueError((str(error) or "not enough memory").splitlines()[0]) from error
-    if how in ("", "none"):
-        return data
-    raise ValueError(f"compression '{how}' is none of zstd, lz4, bz2 or none")
+    if len(plain) > most:
+        raise ValueError(f"it holds more than {most} bytes")
+    return plain
 
 
 def unpack_file(source: BinaryIO, out: BinaryIO) -> str:
