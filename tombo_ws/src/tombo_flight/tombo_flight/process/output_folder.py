@@ -71,6 +71,29 @@ def make_numbered(path: Path) -> Path:
     raise AssertionError
 
 
+def make_folder(path: Path, *, numbered: bool) -> tuple[Path, list[Path]]:
+    """Make a folder with its parents; return it, and those that are new, the innermost first.
+
+    Args:
+        path: the folder; it may be there.
+        numbered: make a new one, see `make_numbered`.
+
+    Raises:
+        OSError: it can't be written; nothing new is left.
+    """
+    made = [place for place in (path, *path.parents) if not os.path.lexists(place)]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if numbered:
+            path = make_numbered(path)
+            made.insert(0, path)
+        path.mkdir(exist_ok=True)
+    except OSError:
+        remove_empty(made)
+        raise
+    return path, made
+
+
 class OutputFolder:
     """Results before they are moved into a folder; see `open_output`."""
 
@@ -123,15 +146,11 @@ def open_output(
     Raises:
         InputError: a file, not empty and `replace` is False, or not writable; the disk is full.
     """
-    made = missing_folders(path)
     if not numbered and os.path.lexists(path) and not os.path.isdir(path):
         raise InputError(f"output folder '{path}': it is a file; accepted: a folder, new or empty")
+    made: list[Path] = []
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if numbered:
-            path = make_numbered(path)
-            made.insert(0, path)
-        path.mkdir(exist_ok=True)
+        path, made = make_folder(path, numbered=numbered)
         names = sorted(inside.name for inside in path.iterdir())
         if names and not replace:
             raise InputError(
@@ -156,11 +175,6 @@ def open_output(
     finally:
         shutil.rmtree(folder.staging, ignore_errors=True)
         remove_empty(made)
-
-
-def missing_folders(path: Path) -> list[Path]:
-    """Return the folder and its parents that are not there yet, the innermost first."""
-    return [place for place in (path, *path.parents) if not os.path.lexists(place)]
 
 
 def remove_empty(folders: Iterable[Path]) -> None:

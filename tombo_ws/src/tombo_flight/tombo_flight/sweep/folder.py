@@ -22,8 +22,7 @@ from tombo_dynamics.errors import InputError
 from tombo_flight.json_text import as_json
 from tombo_flight.process.output_folder import (
     RESULT_FILES,
-    make_numbered,
-    missing_folders,
+    make_folder,
     remove_empty,
     whole_file,
     write_whole,
@@ -174,13 +173,8 @@ def open_sweep(
     Raises:
         InputError: something else is in it, another process flies it, or it can't be written.
     """
-    new = numbered or not folder.exists()
-    parents = missing_folders(folder.parent)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        if numbered:
-            folder = make_numbered(folder)
-        folder.mkdir(exist_ok=True)
+        folder, made = make_folder(folder, numbered=numbered)
     except OSError as error:
         raise InputError(
             f"-o {folder}: can't be written ({error.strerror}); accepted: a folder, new or empty"
@@ -199,9 +193,9 @@ def open_sweep(
         finally:
             if not opened.kept:
                 (folder / HEAD).unlink(missing_ok=True)
-                if new:
+                if made:
                     shutil.rmtree(folder)
-                    remove_empty(parents)
+                    remove_empty(made)
 
 
 @contextmanager
