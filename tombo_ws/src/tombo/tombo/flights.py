@@ -112,10 +112,11 @@ class FlightTables:
         Raises:
             InputError: the file is there and may not be replaced, or can't be written.
         """
-        from tombo_flight.report.flight_report import write_report
+        from tombo_flight.report.flight_report import report_page
+        from tombo_flight.report.page import write_page
 
         with new_file(path, replace=replace) as unfinished:
-            write_report(self.record, unfinished)
+            write_page(unfinished, report_page(self.record))
         return Path(path)
 
     def to_mcap(self, path: str | Path, *, replace: bool = False) -> Path:
@@ -136,7 +137,7 @@ class FlightTables:
         return Path(path)
 
     def __repr__(self) -> str:
-        from tombo_flight.report.milestones import FlightOutcome
+        from tombo_flight.report.figures import FlightOutcome
 
         what = f"{self.summary['scenario']!r}, seed={self.summary['seed']}"
         outcome = FlightOutcome.of(self.summary).value
@@ -144,7 +145,7 @@ class FlightTables:
 
     def _repr_html_(self) -> str:
         """Return the figures of a flight and its picture, for notebooks."""
-        from tombo_flight.report.figure import figure_bytes
+        from tombo_flight.report.style import figure_bytes
 
         shown = {key: value for key, value in self.summary.items() if value is not None}
         png = base64.b64encode(figure_bytes(self.plot())).decode("ascii")

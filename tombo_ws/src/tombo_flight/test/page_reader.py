@@ -12,8 +12,7 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tombo_flight.report.html import page_html
-from tombo_flight.report.page import Folded, Group, Item, Page, Picture
+from tombo_flight.report.page import Folded, Group, Item, Page, Picture, page_html
 
 VOID = {"meta", "link", "img", "input", "br", "hr", "line", "circle", "path", "rect", "use"}
 _BLANK = Figure(figsize=(1.0, 1.0))

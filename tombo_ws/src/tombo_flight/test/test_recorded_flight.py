@@ -17,8 +17,8 @@ from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_S
 from tombo_flight.flight import fly_scenario
 from tombo_flight.flight_output import write_mcap
 from tombo_flight.recorded_flight import read_flight
-from tombo_flight.report.figure import figure_bytes
 from tombo_flight.report.flight_plot import draw_flight
+from tombo_flight.report.style import figure_bytes
 from tombo_flight.scenario import load_scenario
 
 pytestmark = pytest.mark.slow

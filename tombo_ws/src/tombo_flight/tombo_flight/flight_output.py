@@ -153,15 +153,16 @@ def draw_pictures(
     try:
         with stop.at_once():
             on_progress("drawing flight.png", 0.0)
-            from tombo_flight.report.figure import figure_bytes
             from tombo_flight.report.flight_plot import draw_flight
+            from tombo_flight.report.style import figure_bytes
 
             figure = draw_flight(flight)
             pictures[0].write_bytes(figure_bytes(figure))
             on_progress("writing report.html", 0.0)
-            from tombo_flight.report.flight_report import write_report
+            from tombo_flight.report.flight_report import report_page
+            from tombo_flight.report.page import write_page
 
-            write_report(flight, pictures[1], figure)
+            write_page(pictures[1], report_page(flight, figure))
     except Stopped:
         for path in pictures:
             path.unlink(missing_ok=True)

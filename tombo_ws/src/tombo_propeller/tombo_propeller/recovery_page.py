@@ -10,9 +10,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Page, Picture, Section, Text, page_json
-from tombo_flight.report.style import GREEN, MUTED, RC, VERMILLION
+from tombo_flight.report.style import GREEN, MUTED, RC, VERMILLION, new_figure
 from tombo_propeller.recovery import ThrustRecovery
 from tombo_propeller.rotor_trace import RotorTrace
 

@@ -9,8 +9,8 @@ from typing import Any, Final
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from tombo_flight.report.html import asset
-from tombo_flight.report.replay_data import scene_block, script_json
+from tombo_flight.report.flight_report import scene_block, script_json
+from tombo_flight.report.page import asset
 
 _SCENE: Final = ("flight.js", "camera.js", "vehicle.js", "scene.js", "charts.js")
 FIRST_PICKED: Final = (

@@ -13,8 +13,8 @@ from typing import Any, Final
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.propeller import Library
-from tombo_flight.report.flight_report import report_html
-from tombo_flight.report.html import page_html
+from tombo_flight.report.flight_report import report_page
+from tombo_flight.report.page import page_html
 from tombo_propeller.design.design import design
 from tombo_propeller.design.flight_check import recommend
 from tombo_propeller.design.page import design_page
@@ -106,7 +106,7 @@ class Workbench:
         content = {name: flight.summary[name] for name in names}
         force = flight.scenario["effects"]["blade_strike"]["peak_force"]
         content |= {"force_N": force, "force_capped": force >= STRONGEST_N}
-        return Answer({**content, "page": self._keep(report_html(flight))})
+        return Answer({**content, "page": self._keep(page_html(report_page(flight)))})
 
     def _files(self, values: Mapping[str, Any]) -> Answer:
         choice, request = self._both(values)

@@ -7,8 +7,8 @@ from typing import Any, Final
 from markupsafe import Markup
 
 from tombo_dynamics.propeller import LAWS, Library
-from tombo_flight.report.html import asset
-from tombo_flight.report.replay_data import script_json
+from tombo_flight.report.flight_report import script_json
+from tombo_flight.report.page import asset
 from tombo_propeller.workbench.propeller_choice import KNOBS, default_knobs
 from tombo_web.live_page import asset_text, template
 

@@ -199,7 +199,7 @@ def real(given: _Real, scored: Scored) -> None:
     from tombo_benchmarks.real.real_benchmark import benchmark
     from tombo_benchmarks.real.real_page import real_page
     from tombo_benchmarks.real.trials import ROOT, trials
-    from tombo_flight.report.html import write_page
+    from tombo_flight.report.page import write_page
 
     folder = ROOT.parent / "shared" / "data" if given.data is None else given.data
     asked = trials(folder, most)

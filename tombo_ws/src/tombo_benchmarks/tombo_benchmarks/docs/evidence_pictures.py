@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from tombo_benchmarks.docs.markdown import marked, table_rows
 from tombo_flight.report import style
-from tombo_flight.report.figure import new_figure
+from tombo_flight.report.style import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -11,16 +12,11 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.report import style
-from tombo_flight.report.figure import new_figure
-from tombo_flight.report.milestones import (
-    FRONT_LEFT,
-    DrawnObstacle,
-    FlightMilestones,
-    find_milestones,
-    nearest,
-)
-from tombo_flight.report.replay_data import DrawnAirframe
+from tombo_flight.report.figures import FRONT_LEFT, FlightMilestones, find_milestones, nearest
+from tombo_flight.report.flight_report import drawn_vehicle
+from tombo_flight.report.style import new_figure
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
@@ -59,7 +55,7 @@ def animation(flight: Flight) -> bytes:
         raise ValueError("the flight touches nothing")
     first, last = (nearest(flight.t, contact_s + t) for t in (-_BEFORE_S, _AFTER_S))
     shown = slice(first, last + 1, 8)
-    airframe, log = DrawnAirframe.of(flight.scenario), flight.log
+    airframe, log = drawn_vehicle(flight.scenario), flight.log
     frames = []
     with new_figure(*_SIZE_IN, _DPI, font_size=10.0, facecolor="#F4F7F9") as figure:
         axes: Any = figure.add_axes(_SQUARE, projection="3d", computed_zorder=False)
@@ -155,9 +151,9 @@ def _draw_ground(axes: Any, middle: Array) -> None:
     axes.add_collection(Line3DCollection(pieces, colors=colours, linewidths=0.5, zorder=1))
 
 
-def _draw_cylinder(axes: Any, obstacle: DrawnObstacle) -> None:
-    foot = _circle(obstacle.radius_m, 73) + np.array((obstacle.x_m, obstacle.y_m, 0.0))
-    head = foot + obstacle.top_m * _UP
+def _draw_cylinder(axes: Any, obstacle: Mapping[str, float]) -> None:
+    foot = _circle(obstacle["radius_m"], 73) + np.array((obstacle["x_m"], obstacle["y_m"], 0.0))
+    head = foot + obstacle["top_m"] * _UP
     quads = np.stack((foot[:-1], foot[1:], head[1:], head[:-1]), axis=1)
     axes.add_collection3d(
         Poly3DCollection(quads, facecolors="#A9B4BF", edgecolors="#A9B4BF", shade=True, zorder=3)
@@ -165,7 +161,7 @@ def _draw_cylinder(axes: Any, obstacle: DrawnObstacle) -> None:
 
 
 def _draw_vehicle(
-    axes: Any, airframe: DrawnAirframe, position: Array, attitude: Array, fold: Array
+    axes: Any, airframe: VehicleParams, position: Array, attitude: Array, fold: Array
 ) -> list[Any]:
     """Draw the vehicle and the shadows of its discs; return the artists.
 
@@ -184,21 +180,22 @@ def _draw_vehicle(
         placed: Array = position + turn.apply(np.asarray(points, np.float64))
         return placed
 
+    hubs = airframe.rotor_positions()
     low, colours = -airframe.leg_height, ["#2B3742"] * 4
     colours[FRONT_LEFT] = style.FRONT_LEFT
     sticks: list[tuple[Array, str, float]] = []
     for y in (-0.11, 0.11):
         sticks.append((put(((0.0, y / 2, 0.0), (0.0, y, low))), "#5A6672", 2.5))
         sticks.append((put(((-0.12, y, low), (0.13, y, low))), "#5A6672", 3.0))
-    for (x, y, z), colour in zip(airframe.rotors_m, colours, strict=True):
+    for (x, y, z), colour in zip(hubs, colours, strict=True):
         sticks.append((put(((0.2 * x, 0.2 * y, 0.0), (x, y, 0.0))), colour, 5.0))
         sticks.append((put(((x, y, -0.004), (x, y, z - 0.006))), "#8A959F", 7.0))
     sticks.append((put(((0.02, 0.0, 0.024), (0.06, 0.0, 0.024))), "#F2F5F7", 3.0))
     points, paints, widths = zip(*sticks, strict=True)
     wing = airframe.rotor_radius - airframe.nodus_radius
     radii = airframe.nodus_radius + wing * (1.0 - np.clip(fold, 0.0, 1.0))
-    rims = [put(hub + _circle(r)) for hub, r in zip(airframe.rotors_m, radii, strict=True)]
-    full = [put(hub + _circle(airframe.rotor_radius)) for hub in airframe.rotors_m]
+    rims = [put(hub + _circle(r)) for hub, r in zip(hubs, radii, strict=True)]
+    full = [put(hub + _circle(airframe.rotor_radius)) for hub in hubs]
     discs = ["#6F8CA6"] * 4
     discs[FRONT_LEFT] = style.FRONT_LEFT
     drawn = (

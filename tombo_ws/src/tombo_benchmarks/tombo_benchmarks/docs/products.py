@@ -241,7 +241,7 @@ def _diagnosis(root: Path, data: Path) -> None:
     from tombo_diagnosis.flight.nominal import nominal_model
     from tombo_diagnosis.report.figures import draw_pair
     from tombo_diagnosis.report.residual_data import best_pair, by_channel
-    from tombo_flight.report.figure import figure_bytes
+    from tombo_flight.report.style import figure_bytes
     from tombo_logs.readers.log_reader import read_logs
 
     logs = sorted((data / "flights").glob("*.csv.gz"))

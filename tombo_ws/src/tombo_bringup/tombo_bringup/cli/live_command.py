@@ -69,18 +69,16 @@ def live(
     if source == SUITE:
         text = json.dumps({**vars(address), "names": names})
         os.execv(sys.executable, [sys.executable, "-m", "tombo_web.live_node", text])
-    from tombo_flight.report.milestones import drawn_obstacle
+    from tombo_flight.report.figures import drawn_obstacle
     from tombo_web.playback import Playback
 
     flight = _flight(source, draw.seed or 0, reading.mapping, names)
-    obstacle = drawn_obstacle(flight.scenario)
-    known = None if obstacle is None else vars(obstacle)
     serve_live(
         Playback(flight, 1.0 if pace.speed is None else pace.speed),
         flight.name,
         address,
         flight.scenario,
-        known,
+        drawn_obstacle(flight.scenario),
     )
 
 

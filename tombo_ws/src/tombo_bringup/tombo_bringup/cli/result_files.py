@@ -97,8 +97,7 @@ def publish(
     """
     from tombo_bringup.cli.tables import show_page
     from tombo_flight.process.output_folder import write_whole
-    from tombo_flight.report.html import page_html
-    from tombo_flight.report.page import page_json
+    from tombo_flight.report.page import page_html, page_json
 
     def write_pages(folder: OutputFolder, found: _Result, on_progress: ProgressCallback) -> None:
         for file in files:

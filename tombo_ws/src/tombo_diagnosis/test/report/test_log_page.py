@@ -5,8 +5,7 @@ from tombo_bag.flight import Flight, Series, Topic
 from tombo_bag.topics import BATTERY, IMU, MOCAP_POSE, SETPOINT
 from tombo_diagnosis.report.log_page import MOST_LOGS, log_figures, log_page
 from tombo_dynamics.errors import InputError
-from tombo_flight.report.html import page_html
-from tombo_flight.report.page import Picture
+from tombo_flight.report.page import Picture, page_html
 
 NOT_JUDGED = InputError("too short")
 

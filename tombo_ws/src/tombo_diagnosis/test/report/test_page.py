@@ -14,7 +14,7 @@ from tombo_diagnosis.diagnosis import VERDICTS, Detectable, Diagnosis, Residual
 from tombo_diagnosis.report.figures import LOG_FAULT, draw_channel
 from tombo_diagnosis.report.page import check_items, diagnosis_page
 from tombo_diagnosis.report.residual_data import by_channel
-from tombo_flight.report.html import page_html
+from tombo_flight.report.page import page_html
 
 
 def diagnosis_html(diagnosis: Diagnosis, folder: str = "") -> str:

@@ -17,7 +17,7 @@ from tombo_diagnosis.report.residual_data import Pair, corrected
 from tombo_diagnosis.report.words import LEFTOVER_UNITS
 from tombo_diagnosis.wording import display_name, unit
 from tombo_flight.report import style
-from tombo_flight.report.figure import new_figure
+from tombo_flight.report.style import new_figure
 
 BEFORE: Final = style.VERMILLION
 AFTER: Final = style.BLUE

@@ -11,8 +11,7 @@ from tombo_diagnosis.report.page import diagnosis_page
 from tombo_flight.extended_model import Model
 from tombo_flight.model_file import write_model
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_flight.report.html import write_page
-from tombo_flight.report.page import Page, page_json
+from tombo_flight.report.page import Page, page_json, write_page
 from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:

@@ -35,8 +35,8 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_flight.report import style
-from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Page, Picture, Section, Table, Text
+from tombo_flight.report.style import new_figure
 from tombo_logs.checks.spans import interpolated
 
 MOST_LOGS: Final = 6

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import Residual
 from tombo_dynamics.arrays import Array
-from tombo_flight.report.figure import envelope
+from tombo_flight.report.style import envelope
 
 BLOCK_S: Final = 1.0
 """Samples of one such block count as one: residuals are autocorrelated."""

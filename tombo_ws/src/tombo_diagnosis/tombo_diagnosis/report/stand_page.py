@@ -22,8 +22,8 @@ from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
 from tombo_flight.json_text import plain
 from tombo_flight.model_file import write_model
 from tombo_flight.report import style
-from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Item, Page, Picture, Section, Table, Text
+from tombo_flight.report.style import new_figure
 from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:

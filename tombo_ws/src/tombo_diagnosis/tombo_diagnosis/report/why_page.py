@@ -12,8 +12,8 @@ from tombo_diagnosis.crash.reason import CAUSES, Why, why_mapping
 from tombo_diagnosis.report.page import check_items
 from tombo_diagnosis.wording import display_name, listed
 from tombo_flight.report import style
-from tombo_flight.report.figure import new_figure
 from tombo_flight.report.page import Page, Picture, Section, Table
+from tombo_flight.report.style import new_figure
 
 _AROUND_S: Final = (1.5, 2.0)
 """Before and after the first deviation, in the picture."""

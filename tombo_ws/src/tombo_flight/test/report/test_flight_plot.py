@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from matplotlib.image import imread
 from matplotlib.text import Text
 
-from tombo_flight.report.figure import envelope, figure_bytes
 from tombo_flight.report.flight_plot import draw_flight
+from tombo_flight.report.style import envelope, figure_bytes
 
 EDGES = [
     "no contact",

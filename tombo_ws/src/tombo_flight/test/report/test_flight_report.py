@@ -10,9 +10,14 @@ from page_reader import PageReader, blank_html, loads_nothing
 from scipy.spatial.transform import Rotation
 
 from tombo_flight.report.figures import figures_of
-from tombo_flight.report.flight_report import report_html, report_page, write_report
-from tombo_flight.report.html import asset
-from tombo_flight.report.replay_data import COLUMNS, flight_block, kept_samples, script_json
+from tombo_flight.report.flight_report import (
+    COLUMNS,
+    flight_block,
+    kept_samples,
+    report_page,
+    script_json,
+)
+from tombo_flight.report.page import asset, page_html, write_page
 
 NODE = shutil.which("node")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
@@ -42,12 +47,12 @@ def columns(block):
 
 @pytest.mark.slow
 def test_the_page_loads_nothing_is_small_and_always_the_same(flight):
-    html = report_html(flight)
+    html = page_html(report_page(flight))
     loads_nothing(html, PageReader(html))
     for call in ("fetch(", "XMLHttpRequest", "WebSocket", "importScripts", "import("):
         assert call not in html
     assert len(html.encode()) < 3_000_000
-    assert report_html(flight) == html
+    assert page_html(report_page(flight)) == html
 
 
 def test_embedded_columns_are_the_records(flight, page):
@@ -196,7 +201,7 @@ console.log(JSON.stringify(blades.map((p) => [p.rotor, p.points])));
 @pytest.mark.parametrize("name", ["whole", "no contact", "one sample"])
 def test_a_browser_runs_the_page_without_a_complaint(flight, edge_flights, name, tmp_path):
     path = tmp_path / "report.html"
-    write_report(flight if name == "whole" else edge_flights[name], path)
+    write_page(path, report_page(flight if name == "whole" else edge_flights[name]))
     options = [
         "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
         "--disable-background-networking", "--disable-component-update", "--disable-sync",

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tombo_flight.report.milestones import FlightOutcome, find_milestones, roll_pitch_yaw_deg
+from tombo_flight.report.figures import FlightOutcome, find_milestones, roll_pitch_yaw_deg
 
 
 def test_tells_the_recovery_in_the_papers_words(flight):

@@ -8,8 +8,6 @@ import json
 from page_reader import PageReader, loads_nothing
 from rich.console import Console
 
-from tombo_flight.report.figure import new_figure
-from tombo_flight.report.html import page_html
 from tombo_flight.report.page import (
     Card,
     Cell,
@@ -21,8 +19,10 @@ from tombo_flight.report.page import (
     Table,
     TableRow,
     Text,
+    page_html,
     page_json,
 )
+from tombo_flight.report.style import new_figure
 from tombo_flight.report.terminal import print_page
 
 HOSTILE = "<script>alert('x')</script> & [bold]"

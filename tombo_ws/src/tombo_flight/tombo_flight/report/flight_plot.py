@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 from tombo_dynamics.arrays import Array
 from tombo_flight.flight_metrics import STABLE_TILT
 from tombo_flight.report import style
-from tombo_flight.report.figure import envelope, new_figure
-from tombo_flight.report.figures import BY_KEY
-from tombo_flight.report.milestones import (
+from tombo_flight.report.figures import (
+    BY_KEY,
     FRONT_LEFT,
     ROTOR_NAMES,
     FlightMilestones,
@@ -27,6 +26,7 @@ from tombo_flight.report.milestones import (
     reaction_words,
     roll_pitch_yaw_deg,
 )
+from tombo_flight.report.style import envelope, new_figure
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight

@@ -1,26 +1,37 @@
-"""The result of a flight as a page, for a browser (`report.html`) and a terminal."""
+"""The result of a flight as a page, for a browser (`report.html`) and a terminal.
+
+The page of the browser has a 3-D replay: thinned columns, milestones, and the vehicle's shapes.
+"""
 
 from __future__ import annotations
 
+import base64
+import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from tombo_dynamics.arrays import Array
+from tombo_dynamics.messages import PHASE_NAMES
+from tombo_dynamics.vehicle import VehicleParams
+from tombo_flight.json_text import plain
+from tombo_flight.report import style
 from tombo_flight.report.figures import (
     FIGURES,
     MORE,
+    ROTOR_NAMES,
     Figure,
-    Value,
-    figures_of,
-    fixed,
-    is_paper_flight,
-)
-from tombo_flight.report.html import asset, page_html, write_page
-from tombo_flight.report.milestones import (
     FlightMilestones,
     FlightOutcome,
+    Value,
+    figures_of,
     find_milestones,
+    fixed,
+    is_paper_flight,
     reaction_words,
 )
 from tombo_flight.report.page import (
@@ -33,8 +44,8 @@ from tombo_flight.report.page import (
     Section,
     Table,
     Text,
+    asset,
 )
-from tombo_flight.report.replay_data import flight_block, milestones_block, script_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -69,24 +80,13 @@ _FOOTER: Final = (
 )
 
 
-def write_report(flight: Flight, path: Path, figure: Drawing | None = None) -> None:
-    """Write the self-contained report of a flight.
+def report_page(flight: Flight, figure: Drawing | None = None) -> Page:
+    """Return the page of `report.html`: `flight_page` with the data of the 3-D replay.
 
     Args:
         flight: the flight.
-        path: the file to write; its folder exists.
         figure: the still figure (`flight_plot`) where it is drawn already.
     """
-    write_page(path, report_page(flight, figure))
-
-
-def report_html(flight: Flight) -> str:
-    """Return the report as text; it loads nothing from anywhere."""
-    return page_html(report_page(flight))
-
-
-def report_page(flight: Flight, figure: Drawing | None = None) -> Page:
-    """Return the page of `report.html`: `flight_page` with the data of the 3-D replay."""
     return replace(flight_page(flight, figure), scripts=replay_scripts(flight))
 
 
@@ -199,3 +199,109 @@ def _facts(summary: Mapping[str, Any], milestones: FlightMilestones) -> list[str
         f"{milestones.duration_s:.1f} s of flight",
     ]
     return [fact for fact in facts if fact]
+
+
+KEPT_HZ: Final = 100.0
+MOST_SAMPLES: Final = 6000
+"""A long flight is thinned further, so that the file stays small."""
+
+COLUMNS: Final = (
+    "position",
+    "velocity",
+    "attitude",
+    "rates",
+    "position_setpoint",
+    "est_position",
+    "rotor_thrust",
+    "rotor_speed",
+    "fold",
+    "damage",
+    "mode",
+)
+"""Columns of the log that are carried as they are, at the kept samples."""
+_MILESTONES: Final = (
+    *("duration_s", "mark_s", "contact_s", "detection_s", "switch_s", "unstable_end_s"),
+    *("recovery_end_s", "crash_s", "verdict", "x_c_m", "x_r_m", "n_r", "fall_m"),
+)
+
+
+def kept_samples(t: Array) -> NDArray[np.intp]:
+    """Return the indices of the kept samples of times (N,) [s], the first and the last among them.
+
+    They are at 100 Hz, or as dense as `MOST_SAMPLES` allows.
+    """
+    count = min(math.ceil(float(t[-1] - t[0]) * KEPT_HZ), MOST_SAMPLES) + 1
+    kept: NDArray[np.intp] = np.unique(np.linspace(0, t.size - 1, count).round().astype(np.intp))
+    return kept
+
+
+def flight_block(flight: Flight) -> dict[str, Any]:
+    """Thinned columns, ready for JSON.
+
+    `columns` is a list of [name, width]; `base64` is little-endian float32: for each column in
+    turn its (samples, width) rows. `contact_N` is the largest contact force since the kept
+    sample before, so that a contact of a few milliseconds is not lost.
+    """
+    index = kept_samples(flight.t)
+    blocks: list[tuple[str, Array]] = [("t", flight.t[index].reshape(-1, 1))]
+    blocks += [(name, flight.log[name].reshape(len(flight.t), -1)[index]) for name in COLUMNS]
+    blocks.append(("contact_N", _largest_since(flight.log["contact_force"], index)))
+    raw = b"".join(np.ascontiguousarray(b, dtype="<f4").tobytes() for _, b in blocks)
+    return {
+        "samples": len(index),
+        "columns": [[name, block.shape[1]] for name, block in blocks],
+        "base64": base64.b64encode(raw).decode("ascii"),
+    }
+
+
+def milestones_block(flight: Flight, milestones: FlightMilestones) -> dict[str, Any]:
+    """Data of the scripts, without the columns, ready for JSON."""
+    return {
+        **scene_block(flight.scenario),
+        **{name: getattr(milestones, name) for name in _MILESTONES},
+        "verdict": milestones.verdict.value,
+        "obstacle": milestones.obstacle,
+        "phases": [[s.start_s, s.end_s, s.phase] for s in milestones.phases],
+        "rotor_names": ROTOR_NAMES,
+        "events": [{k: event[k] for k in ("time_s", "kind", "text")} for event in flight.events],
+    }
+
+
+def scene_block(scenario: Mapping[str, Any]) -> dict[str, Any]:
+    """Data of the scene that are the same in all flights of a scenario, ready for JSON."""
+    airframe = drawn_vehicle(scenario)
+    return {
+        "phase_names": [name.replace("_", " ") for name in PHASE_NAMES],
+        "phase_colours": [
+            style.PHASE_COLOURS.get(i, style.FAINT) for i in range(len(PHASE_NAMES))
+        ],
+        "shape": {
+            "rotors_m": airframe.rotor_positions(),
+            "disc_m": airframe.rotor_radius,
+            "nodus_m": airframe.nodus_radius,
+            "leg_m": airframe.leg_height,
+        },
+    }
+
+
+def drawn_vehicle(scenario: Mapping[str, Any]) -> VehicleParams:
+    """Return the vehicle of a scenario as flown; missing values are the default vehicle's."""
+    given = scenario.get("vehicle") or {}
+    return VehicleParams(
+        **{f.name: given[f.name] for f in fields(VehicleParams) if f.name in given}
+    )
+
+
+def script_json(value: Any) -> str:
+    """JSON that is safe inside a script element: no '<', '>' or '&', non-finite as null."""
+    text = json.dumps(plain(value), separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+    for character in "<>&":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def _largest_since(force: Array, index: NDArray[np.intp]) -> Array:
+    size = np.linalg.norm(force, axis=1)
+    starts = np.concatenate(([0], index[:-1] + 1))
+    largest: Array = np.maximum.reduceat(size[: index[-1] + 1], starts)
+    return largest.reshape(-1, 1)

@@ -1,18 +1,25 @@
 """A page of results: the result of a command, for terminal, JSON and page.
 
-Renderers: `html.page_html` for a browser, `terminal.print_page` for a terminal, `page_json` for
+Renderers: `page_html` for a browser, `terminal.print_page` for a terminal, `page_json` for
 programs. All texts are plain; a renderer escapes them.
 """
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tombo_flight.json_text import as_json
+from tombo_flight.process.output_folder import write_whole
+from tombo_flight.report.style import figure_bytes
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from matplotlib.figure import Figure
 
 Medium = Literal["both", "page", "terminal"]
@@ -182,3 +189,51 @@ class Page:
 def page_json(page: Page) -> str:
     """Return the page's data as the text of a JSON file."""
     return as_json(page.data)
+
+
+def page_html(page: Page) -> str:
+    """Return a page as HTML; it loads nothing from anywhere."""
+    return _environment().get_template("results.html.j2").render(page=page)
+
+
+def write_page(path: Path, page: Page) -> None:
+    """Write a page as an HTML file, whole or not at all.
+
+    Raises:
+        OSError: the file can't be written.
+    """
+    write_whole(path, page_html(page))
+
+
+def asset(name: str) -> str:
+    """Return the text of a file in the template's folder."""
+    return (resources.files(__package__) / "assets" / name).read_text(encoding="utf-8")
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup as SafeText
+
+    made = Environment(
+        loader=PackageLoader("tombo_flight", "report/assets"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters["kind"] = _kind
+    made.filters["row"] = row_of
+    made.filters["cell"] = cell_of
+    made.filters["png"] = _png
+    made.globals["asset"] = lambda name: SafeText(asset(name))
+    return made
+
+
+def _png(figure: Figure) -> str:
+    """Return a figure as the address of a picture inside the page."""
+    return f"data:image/png;base64,{base64.b64encode(figure_bytes(figure)).decode('ascii')}"
+
+
+def _kind(item: Item) -> str:
+    return type(item).__name__.lower()

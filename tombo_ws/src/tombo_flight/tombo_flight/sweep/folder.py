@@ -298,7 +298,7 @@ def fly_sweep(
     opened.finish()
     if not page:
         return None
-    from tombo_flight.report.html import write_page
+    from tombo_flight.report.page import write_page
     from tombo_flight.sweep.page import sweep_page
 
     made = sweep_page(opened)

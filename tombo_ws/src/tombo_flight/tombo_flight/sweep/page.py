@@ -16,10 +16,8 @@ from matplotlib.ticker import MaxNLocator
 from tombo_dynamics.arrays import Array
 from tombo_flight.flight import fly_scenario
 from tombo_flight.report import style
-from tombo_flight.report.figure import new_figure
 from tombo_flight.report.figures import BY_KEY, Value, fixed
 from tombo_flight.report.flight_report import replay_scripts
-from tombo_flight.report.html import asset
 from tombo_flight.report.page import (
     Card,
     Cell,
@@ -31,7 +29,9 @@ from tombo_flight.report.page import (
     Table,
     TableRow,
     Text,
+    asset,
 )
+from tombo_flight.report.style import new_figure
 from tombo_flight.sweep.folder import OUTCOME, SweepFolder
 from tombo_flight.sweep.results import (
     HEAD,

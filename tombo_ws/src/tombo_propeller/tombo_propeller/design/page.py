@@ -10,8 +10,6 @@ from typing import Any, Final
 from tombo_dynamics.propeller import RPM
 from tombo_flight.json_text import plain
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_flight.report.figure import figure_bytes
-from tombo_flight.report.html import write_page
 from tombo_flight.report.page import (
     Card,
     Cell,
@@ -23,7 +21,9 @@ from tombo_flight.report.page import (
     TableRow,
     Text,
     page_json,
+    write_page,
 )
+from tombo_flight.report.style import figure_bytes
 from tombo_flight.version import tombo_version
 from tombo_propeller.design import summary_text as words
 from tombo_propeller.design.candidates import PROPERTIES, describe

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tombo_flight.report import style
-from tombo_flight.report.figure import new_figure
+from tombo_flight.report.style import new_figure
 from tombo_propeller.design.design import Design
 from tombo_propeller.design.flight_check import Recommendation
 from tombo_propeller.design.request import MEASURED, NAMES, QUANTITIES, Criterion

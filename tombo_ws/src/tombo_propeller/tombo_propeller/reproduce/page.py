@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from tombo_flight.progress import ProgressCallback
-from tombo_flight.report.html import write_page
 from tombo_flight.report.page import (
     Cell,
     Item,
@@ -19,6 +18,7 @@ from tombo_flight.report.page import (
     TableRow,
     Text,
     page_json,
+    write_page,
 )
 from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, OPEN, Claim
 from tombo_propeller.reproduce.plots import FIGURES
