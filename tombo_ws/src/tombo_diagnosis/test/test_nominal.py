@@ -10,8 +10,7 @@ from tombo_bag.flight import Flight, Series
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.rotor_maps import hover_point
-from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin
-from tombo_flight.model_file import write_model
+from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin, write_model
 from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import read_vehicle
 

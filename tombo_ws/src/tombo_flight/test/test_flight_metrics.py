@@ -10,17 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tombo_bag.flight import Flight
 from tombo_collision.decision import Decision
 from tombo_dynamics.messages import CollisionEvent, Phase, Trigger
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_flight.flight import fly_scenario
-from tombo_flight.flight_metrics import (
-    MetricsInput,
-    detection_of,
-    first_sustained,
-    lowest_point,
-    summarize,
-)
+from tombo_flight.flight_metrics import detection_of, first_sustained, lowest_point, summarize
 from tombo_flight.flight_output import flight_summary
 from tombo_flight.scenario import Scenario, load_scenario
 from tombo_sim.kernel import FIGURE_COLUMNS
@@ -94,9 +89,8 @@ class Made:
         return self.summary()[0]
 
     def summary(self):
-        return summarize(
-            MetricsInput(self.scenario, 7, self.t, self.log, self.detections, self.reactions, 0.05)
-        )
+        flight = Flight({}, t=self.t, log=self.log)
+        return summarize(flight, self.scenario, 7, self.detections, self.reactions, 0.05)
 
 
 def collision():

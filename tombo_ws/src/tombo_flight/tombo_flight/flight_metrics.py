@@ -65,20 +65,6 @@ class Detection:
     message: CollisionEvent
 
 
-@dataclass(frozen=True)
-class MetricsInput:
-    """Inputs of the figures."""
-
-    scenario: Scenario
-    seed: int
-    t: Array
-    log: Mapping[str, Array]
-    """At least the `FIGURE_COLUMNS` of `tombo_sim.kernel`."""
-    detections: list[Detection]
-    reactions: list[Decision]
-    wall_time_s: float
-
-
 def event(time_s: float, kind: str, text: str, **more: Any) -> dict[str, Any]:
     """Return an event of the record: what happened at a time [s]."""
     return {"time_s": float(time_s), "kind": kind, "text": text, **more}
@@ -135,9 +121,7 @@ def with_figures(
     """
     detections = _detections(flight, scenario)
     decisions, decided_s = _decisions(flight)
-    summary, seen = summarize(
-        MetricsInput(scenario, seed, flight.t, flight.log, detections, decisions, wall_time_s)
-    )
+    summary, seen = summarize(flight, scenario, seed, detections, decisions, wall_time_s)
     events = [*collision_events(detections, decisions, decided_s), *phases, *seen]
     events.sort(key=lambda event: float(event["time_s"]))
     return replace(flight, summary=summary, events=events)
@@ -237,10 +221,26 @@ def _number(value: float | None, digits: int = 6) -> float | None:
     return round(float(value), digits) + 0.0  # no minus before a zero
 
 
-def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the summary and the events that only the truth shows (contact, settled, crash)."""
+def summarize(
+    flight: Flight,
+    scenario: Scenario,
+    seed: int,
+    detections: Sequence[Detection],
+    decisions: Sequence[Decision],
+    wall_time_s: float,
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the summary and the events that only the truth shows (contact, settled, crash).
+
+    Args:
+        flight: `t` and `log` of it, with at least the `FIGURE_COLUMNS` of `tombo_sim.kernel`.
+        scenario: as flown.
+        seed: as flown.
+        detections: the collisions that were known, in this order.
+        decisions: of the reaction.
+        wall_time_s: how long the flight took.
+    """
     log, t = flight.log, flight.t
-    vehicle = flight.scenario.vehicle
+    vehicle = scenario.vehicle
     events: list[dict[str, Any]] = []
     phases = log["mode"][:, 0]
     touching = log["contact"][:, 0] > 0.0
@@ -253,15 +253,15 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
     if crash is not None:
         events.append(event(t[crash], "crash", "crashed"))
     where_else = _elsewhere(vehicle, log, tilted) if t.size else ""
-    propeller = flight.scenario.propeller
+    propeller = scenario.propeller
     summary: dict[str, Any] = {
-        "scenario": flight.scenario.name,
-        "model": flight.scenario.model or None,
-        "seed": flight.seed,
+        "scenario": scenario.name,
+        "model": scenario.model or None,
+        "seed": seed,
         "conf": None if propeller.plain else propeller.conf,
         "law": None if propeller.plain else propeller.law,
-        "reaction": flight.scenario.reaction.name,
-        "disturbances": flight.scenario.disturbances,
+        "reaction": scenario.reaction.name,
+        "disturbances": scenario.disturbances,
         "collided": collided,
         "collision_time_s": None,
         "contact_point_m": None,
@@ -276,8 +276,9 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         summary["contact_rotor"] = name
         summary["contact_position_m"] = [_number(v) for v in log["position"][c]]
         events.append(event(t[c], "contact", f"{name.replace('_', ' ')} touches"))
-    summary |= _detection(flight, c)
-    summary |= _recovery(flight, c, tilted, events)
+    contact_s = None if c is None else float(t[c])
+    summary |= _detection(contact_s, scenario.obstacle.radius > 0.0, detections, decisions)
+    summary |= _recovery(flight, decisions, c, tilted, events)
     broken = log["damage"] >= 1.0
     if broken.any():
         first = int(np.argmax(broken.any(axis=1)))
@@ -294,9 +295,10 @@ def summarize(flight: MetricsInput) -> tuple[dict[str, Any], list[dict[str, Any]
         "duration_s": _number(t[-1] + TICK_S) if t.size else 0.0,
     }
     summary |= _tracking(flight, c)
-    wall = flight.wall_time_s
-    summary["wall_time_s"] = wall
-    summary["real_time_factor"] = summary["duration_s"] / wall if wall > 0.0 else None
+    summary["wall_time_s"] = wall_time_s
+    summary["real_time_factor"] = (
+        summary["duration_s"] / wall_time_s if wall_time_s > 0.0 else None
+    )
     return summary, events
 
 
@@ -334,17 +336,21 @@ def _elsewhere(vehicle: VehicleParams, log: Mapping[str, Array], tilted: Array) 
     return ", ".join(found)
 
 
-def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
+def _detection(
+    contact_s: float | None,
+    obstacle: bool,
+    detections: Sequence[Detection],
+    decisions: Sequence[Decision],
+) -> dict[str, Any]:
     """Latency from true contact to the detector's event, and to the first of any; false alarms.
 
     An innovation event before contact is a false alarm. A known region may rightly fire before
     contact, or prevent it: only without an obstacle is its event a false alarm.
     """
-    contact = math.inf if c is None else float(flight.t[c])
-    obstacle = flight.scenario.obstacle.radius > 0.0
+    contact = math.inf if contact_s is None else contact_s
     true = [
         seen
-        for seen in flight.detections
+        for seen in detections
         if seen.stamp_s >= contact or (seen.trigger == "region" and obstacle)
     ]
     poses = [seen for seen in true if seen.trigger != _IMU]
@@ -355,17 +361,17 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
     # poses do not show the rotor
     struck = next((rotor for rotor in by_imu if rotor != ROTOR_UNKNOWN), None)
     # x_c, n_r and x_r belong together: after a second collision they are the second one's
-    reaction = flight.reactions[-1] if flight.reactions else None
+    reaction = decisions[-1] if decisions else None
     x_c = reaction.x_c if reaction else first.message.contact_position if first else None
     return {
         "detected": first is not None,
-        "detections": sum(seen.trigger != _IMU for seen in flight.detections),
+        "detections": sum(seen.trigger != _IMU for seen in detections),
         "detection_time_s": _number(arrival),
         "detection_latency_s": _number(arrival - contact) if arrival is not None else None,
         "detection_confidence": _number(first.message.confidence) if first else None,
         "contact_known_s": _number(known - contact) if known is not None else None,
         "struck_rotor": None if struck is None else ROTOR_NAMES[struck],
-        "false_alarms": len(flight.detections) - len(true),
+        "false_alarms": len(detections) - len(true),
         "x_c_m": [_number(v) for v in x_c] if x_c is not None else None,
         "n_r": [_number(v) for v in reaction.n_r] if reaction else None,
         "x_r_m": [_number(v) for v in reaction.x_r] if reaction else None,
@@ -373,7 +379,11 @@ def _detection(flight: MetricsInput, c: int | None) -> dict[str, Any]:
 
 
 def _recovery(
-    flight: MetricsInput, c: int | None, tilted: Array, events: list[dict[str, Any]]
+    flight: Flight,
+    decisions: Sequence[Decision],
+    c: int | None,
+    tilted: Array,
+    events: list[dict[str, Any]],
 ) -> dict[str, Any]:
     """Falling distance, unstable phase, recovery time and settled error (docs/figures.md)."""
     names = ("max_falling_distance_m", "unstable_phase_s", "recovery_time_s", "settled_error_m")
@@ -388,8 +398,8 @@ def _recovery(
     quiet = first_sustained(calm, round(_STABLE_TIME / TICK_S))
     result["unstable_phase_s"] = None if quiet is None else _number(quiet * TICK_S)
     settled = None
-    if flight.reactions:
-        x_r = flight.reactions[-1].x_r
+    if decisions:
+        x_r = decisions[-1].x_r
         error = np.sqrt(squares(position[:until] - x_r))
         slow = np.sqrt(squares(log["velocity"][c : c + until])) < _SETTLED_SPEED
         settled = first_sustained((error < _SETTLED_RADIUS) & slow, round(_SETTLED_TIME / TICK_S))
@@ -413,7 +423,7 @@ def _largest(vectors: Array) -> float:
     return float(np.sqrt(squares(vectors)).max())
 
 
-def _tracking(flight: MetricsInput, c: int | None) -> dict[str, Any]:
+def _tracking(flight: Flight, c: int | None) -> dict[str, Any]:
     """RMS distance from the set point, in hover and in the approach, before contact."""
     log = flight.log
     end = flight.t.size if c is None else c

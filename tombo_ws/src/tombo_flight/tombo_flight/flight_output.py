@@ -6,13 +6,15 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tombo_flight.command_line import command_line
 from tombo_flight.flight import Workspace, fly_scenario
 from tombo_flight.json_text import as_json, plain
+from tombo_flight.own_files import imported_files
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.progress import ProgressCallback, no_progress
-from tombo_flight.scenario import Scenario
-from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
+from tombo_flight.scenario import Scenario, as_mapping
 from tombo_flight.version import tombo_version
+from tombo_flight.yaml_file import yaml_of
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight
@@ -21,32 +23,28 @@ if TYPE_CHECKING:
 
 WALL_KEYS = ("wall_time_s", "real_time_factor")
 """What differs between two flights of the same scenario and seed; all other bytes agree."""
+SCENARIO_FILE = "scenario.yaml"
 
 _REHEARSAL_S = 0.1
 
 
-@dataclasses.dataclass(frozen=True)
-class FlightResult:
-    """A flight, and its summary as in the file."""
+def flown_page(flight: Flight) -> Page:
+    """Return the page of a flight for a terminal, with how fast it was flown.
 
-    record: Flight
-    summary: dict[str, Any]
+    Args:
+        flight: its summary is that of `flight_summary`.
+    """
+    from tombo_flight.report.flight_report import flight_page
 
-    @property
-    def page(self) -> Page:
-        """The result for a terminal, with how fast it was flown."""
-        from tombo_flight.report.flight_report import flight_page
-
-        summary = self.summary
-        line = f"Flown in {summary['wall_time_s']:.3f} s"
-        if (factor := summary["real_time_factor"]) is not None:
-            line += f", {factor:.{0 if factor >= 10 else 2}f} times real time"
-        if summary["recorded_messages"] is not None:
-            line += f"; {summary['recorded_messages']} messages recorded"
-        cut = f"Interrupted after {summary['duration_s']:.3f} s of flight."
-        remarks = [cut] if summary["interrupted"] else []
-        page = flight_page(self.record, remarks=[*remarks, f"{line}."])
-        return dataclasses.replace(page, data=summary)
+    summary = flight.summary
+    line = f"Flown in {summary['wall_time_s']:.3f} s"
+    if (factor := summary["real_time_factor"]) is not None:
+        line += f", {factor:.{0 if factor >= 10 else 2}f} times real time"
+    if summary["recorded_messages"] is not None:
+        line += f"; {summary['recorded_messages']} messages recorded"
+    cut = f"Interrupted after {summary['duration_s']:.3f} s of flight."
+    remarks = [cut] if summary["interrupted"] else []
+    return flight_page(flight, remarks=[*remarks, f"{line}."])
 
 
 def warm_up_flight(scenario: Scenario) -> None:
@@ -88,7 +86,7 @@ def fly_into(
     *,
     record: bool = True,
     on_progress: ProgressCallback = no_progress,
-) -> FlightResult:
+) -> Flight:
     """Fly a scenario and write its files into an output folder, which the caller publishes.
 
     A stopped flight leaves `flight.mcap`, `summary.json` and `scenario.yaml` up to that time; a
@@ -125,11 +123,40 @@ def fly_into(
         messages = write_mcap(flown, folder / "flight.mcap")
     summary = flight_summary(flown, interrupted=interrupted, recorded_messages=messages)
     flown = dataclasses.replace(flown, summary=summary)
-    write_scenario(folder / SCENARIO_FILE, scenario, f"--seed {seed}")
+    write_scenario(folder / SCENARIO_FILE, scenario, seed)
     (folder / "summary.json").write_text(as_json(summary), encoding="utf-8", newline="\n")
     if not interrupted:
         draw_pictures(flown, folder, stop, on_progress)
-    return FlightResult(flown, summary)
+    return flown
+
+
+def write_scenario(path: Path, scenario: Scenario, seed: int) -> None:
+    """Write the complete scenario, which `tombo fly` flies again, whatever the defaults become.
+
+    Args:
+        path: of the file.
+        scenario: what was flown; the effects of a model are among its own.
+        seed: as flown.
+
+    Raises:
+        OSError: it can't be written.
+    """
+    imports = [("--import", file) for file, _ in imported_files()]
+    again = command_line(("fly", SCENARIO_FILE, "--seed", str(seed)), imports)
+    head = f"# tombo {tombo_version()}; to fly it again: {again}\n"
+    if scenario.model:
+        head += f"# Effects with those of the model '{scenario.model}'.\n"
+    path.write_text(head + yaml_of(complete_mapping(scenario)), encoding="utf-8", newline="\n")
+
+
+def complete_mapping(scenario: Scenario) -> dict[str, Any]:
+    """Return a scenario as written to a file of any folder: without a model, paths absolute."""
+    values = as_mapping(scenario)
+    values.pop("model", None)
+    library = values["propeller"].get("library")
+    if library:
+        values["propeller"]["library"] = str(Path(library).absolute())
+    return values
 
 
 def write_mcap(flight: Flight, path: Path) -> int:

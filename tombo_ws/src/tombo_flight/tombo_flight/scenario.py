@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,19 +11,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tombo_collision.params import TRIGGERS, DetectorParams
 from tombo_collision.reactions import DEFAULT, Reaction, reaction_from_mapping
 from tombo_collision.reactions.bounce import Bounce
 from tombo_collision.reactions.none import NoReaction
 from tombo_collision.reactions.policy import Policy
 from tombo_control.params import ControlParams, EstimatorParams
-from tombo_control.planning.course import leg_to, resolved_waypoint, waypoint_table
-from tombo_control.planning.leg import Point, motion_end, straight_leg
 from tombo_control.planning.mission import MissionParams
 from tombo_control.recovery.params import ContactParams, RecoveryParams
-from tombo_control.safety.flight_volume import check_volume, outside_volume
+from tombo_control.safety.flight_volume import check_volume
 from tombo_control.safety.params import FlightVolume, SafetyParams
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.effects.registry import effects_for
@@ -32,12 +27,10 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number, from_mapping, param
 from tombo_dynamics.propeller import LAWS
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_vehicle
-from tombo_dynamics.records import parameter_record
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_dynamics.yaml_text import parse_yaml, read_text
-from tombo_flight.course_limits import check_timed_course, timed_course_end
-from tombo_flight.extended_model import merge_effects
-from tombo_flight.model_file import read_model
+from tombo_flight.course_limits import check_course
+from tombo_flight.extended_model import merge_effects, read_model
 from tombo_flight.scenario_catalogue import builtin_scenarios
 from tombo_flight.vehicle_file import VehicleFile, is_builtin_vehicle, vehicle_named
 from tombo_sim.world import ObstacleParams, SpreadParams, World
@@ -322,11 +315,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     if scenario.detector.trigger not in TRIGGERS:
         raise unknown_name("detector.trigger", scenario.detector.trigger, TRIGGERS)
     check_volume(scenario.volume)
-    check_course(scenario.mission, scenario.control, scenario.volume)
-    if isinstance(scenario.mission.course, str):
-        check_timed_course(
-            scenario.mission, scenario.control, scenario.volume, fitted, scenario.propeller
-        )
+    check_course(scenario.mission, scenario.control, scenario.volume, fitted, scenario.propeller)
     return dataclasses.replace(scenario, vehicle=fitted)
 
 
@@ -368,76 +357,6 @@ def world_of(scenario: Scenario) -> World:
         scenario.effects,
         scenario.estimator.mocap_rate,
     )
-
-
-_ROUNDING = 1.0 + 1e-9
-
-
-def check_course(mission: MissionParams, control: ControlParams, volume: FlightVolume) -> None:
-    """Refuse a course that could not be flown to its end as it is written.
-
-    Args:
-        mission: with the course, if any.
-        control: its limits of velocity.
-        volume: where the vehicle may fly.
-
-    Raises:
-        InputError: jumps are enabled as well; a leg is faster than the controller allows; it
-        leaves the flight volume; or it lands before the course ends.
-    """
-    if mission.height > volume.z_max:
-        raise InputError(
-            f"mission.height: {mission.height:g}; accepted: at most volume.z_max, {volume.z_max:g}"
-        )
-    if mission.course is None:
-        return
-    if mission.step_size > 0.0:
-        raise InputError(
-            f"mission.course and mission.step_size {mission.step_size:g}: accepted: one of them"
-        )
-    hover: Point = (0.0, 0.0, mission.height)
-    end_s = course_begin(mission)
-    here, yaw = hover, 0.0
-    limits = parameter_record(volume)
-    course = mission.course
-    if isinstance(course, str):
-        end_s, course = timed_course_end(mission, end_s), ()
-    table = waypoint_table(course)
-    for i in range(len(table)):
-        target = resolved_waypoint(table, i, hover, mission.approach_speed)
-        leg = leg_to(target, here, yaw, end_s)
-        vx, vy, vz = leg.velocity
-        _check_speed(i, "across", math.hypot(vx, vy), "velocity_max_xy", control.velocity_max_xy)
-        _check_speed(i, "up or down", abs(vz), "velocity_max_z", control.velocity_max_z)
-        end_s, here, yaw = motion_end(leg) + leg.hold_s, target[:3], target.yaw
-        off = outside_volume(np.array(here), limits)
-        if off > 0.0:
-            raise InputError(
-                f"mission.course[{i}]: {off:.2f} m outside of the flight volume; accepted: a "
-                "waypoint inside (volume.*)"
-            )
-    if end_s > mission.land_time:
-        raise InputError(
-            f"mission.course: lasts until {end_s:.1f} s; accepted: at most mission.land_time, "
-            f"{mission.land_time:g} (land later, or begin before mission.approach_time, "
-            f"{mission.approach_time:g})"
-        )
-
-
-def course_begin(mission: MissionParams) -> float:
-    """Return when the course begins if the climb goes well [s]."""
-    climb = straight_leg(
-        (0.0, 0.0, 0.0), (0.0, 0.0, mission.height), mission.climb_speed, mission.takeoff_time
-    )
-    return max(mission.approach_time, climb.end_s)
-
-
-def _check_speed(i: int, way: str, speed: float, name: str, limit: float) -> None:
-    if speed > limit * _ROUNDING:
-        raise InputError(
-            f"mission.course[{i}].speed: {speed:.2f} m/s {way}; accepted: at most "
-            f"control.{name}, {limit:g}"
-        )
 
 
 def override(

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tombo_bag.flight import Flight
 from tombo_benchmarks.px4.lockstep_px4 import LockstepPx4, Px4Setup
 from tombo_collision.decision import Decision
 from tombo_dynamics.arrays import Array
@@ -31,7 +32,7 @@ from tombo_dynamics.messages import (
 )
 from tombo_dynamics.rotation import conjugate, rotate_vector
 from tombo_dynamics.time_base import EPOCH_NS, TICK_NS, TICK_S
-from tombo_flight.flight_metrics import MetricsInput, detection_of, summarize
+from tombo_flight.flight_metrics import detection_of, summarize
 from tombo_flight.scenario import Scenario, world_of
 from tombo_flight.wiring import core_of
 from tombo_px4.bridge.bridge import Bridge
@@ -305,7 +306,8 @@ class LockstepRun:
             detection_of(event, (at - began) * 1e-9, began) for at, event in self._detections
         ]
         known = (detections, self._decisions, self._wall_s)
-        figures, _ = summarize(MetricsInput(self._scenario, self._seed, seconds, columns, *known))
+        flown = Flight({}, t=seconds, log=columns)
+        figures, _ = summarize(flown, self._scenario, self._seed, *known)
         distance = self._estimate_errors(columns, began)
         summary |= figures
         summary |= {

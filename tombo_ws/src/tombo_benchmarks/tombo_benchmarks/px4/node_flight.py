@@ -46,11 +46,11 @@ def fly_nodes_with(
     px4 = replace(px4, hil_port=PX4_PORT + setup.instance, bridge=bridge)
     try:
         with Px4Process(setup.build, setup.folder, parameters, setup.instance):
-            flown = fly_nodes_and_save(
+            flight, _ = fly_nodes_and_save(
                 output, scenario, setup.seed, stop, speed=1.0, domain=None,
                 on_progress=no_progress, px4=px4,
             )  # fmt: skip
     except NotFlown as error:
         return {"armed": False, "why_not": str(error), "crashed": False, "seed": setup.seed}
-    more = {"contacts": contacts(flown.flight.record.log["contact"][:, 0])}
-    return {**flown.flight.summary, **more, "armed": True, "why_not": ""}
+    more = {"contacts": contacts(flight.log["contact"][:, 0])}
+    return {**flight.summary, **more, "armed": True, "why_not": ""}

@@ -10,8 +10,7 @@ import pytest
 from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin
-from tombo_flight.model_file import write_model
+from tombo_flight.extended_model import FittedEffect, FittedParameter, Model, Origin, write_model
 from tombo_flight.scenario import load_scenario
 
 pytestmark = pytest.mark.slow

@@ -109,7 +109,7 @@ def flown(monkeypatch):
     record = fly_scenario(load_scenario("hover", ["duration=1.0"]), 0)
     monkeypatch.setattr(node_flight, "read_flight", lambda bag, wall_s: record)
     monkeypatch.setattr(node_flight, "node_metrics", lambda recording: {"too_slow": []})
-    monkeypatch.setattr("tombo_bringup.cli.flight.node_tables.print_nodes", lambda flown: None)
+    monkeypatch.setattr("tombo_bringup.cli.flight.node_tables.print_nodes", lambda *flown: None)
 
 
 @pytest.mark.slow

@@ -10,8 +10,14 @@ from tombo_diagnosis.diagnosis import VERDICTS, Cause, Diagnosis, FlightSummary
 from tombo_diagnosis.extend_model import model_of
 from tombo_dynamics.effects import check_theta
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import FittedParameter, Gain
-from tombo_flight.model_file import model_from_text, model_text, read_model, write_model
+from tombo_flight.extended_model import (
+    FittedParameter,
+    Gain,
+    model_from_text,
+    model_text,
+    read_model,
+    write_model,
+)
 
 DRAG = Cause(
     "linear_rotor_drag",

@@ -10,7 +10,7 @@ from diagnosis_samples import sample
 
 from tombo_diagnosis.report.files import DIAGNOSIS_FILES, NominalReference, write_diagnosis
 from tombo_diagnosis.report.page import diagnosis_page
-from tombo_flight.model_file import read_model
+from tombo_flight.extended_model import read_model
 from tombo_flight.process.output_folder import open_output
 from tombo_flight.report.page import page_json
 

@@ -39,8 +39,7 @@ from tombo_diagnosis.flight.nominal import (
 from tombo_diagnosis.flight.summary_text import notes, summary
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
-from tombo_flight.extended_model import Model
-from tombo_flight.model_file import read_model
+from tombo_flight.extended_model import Model, read_model
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.vehicle_file import read_vehicle
 from tombo_logs.checks import check_log

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Final
 from tombo_diagnosis.diagnosis import JSON, MODEL, REPORT, Diagnosis
 from tombo_diagnosis.extend_model import extends, model_of
 from tombo_diagnosis.report.page import diagnosis_page
-from tombo_flight.extended_model import Model
-from tombo_flight.model_file import write_model
+from tombo_flight.extended_model import Model, write_model
 from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.report.page import Page, page_json, write_page
 from tombo_flight.version import tombo_version

@@ -19,8 +19,8 @@ from tombo_diagnosis.stand.diagnose import of_other_runs
 from tombo_diagnosis.wording import display_name, percent
 from tombo_dynamics.propeller import RPM
 from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
+from tombo_flight.extended_model import write_model
 from tombo_flight.json_text import plain
-from tombo_flight.model_file import write_model
 from tombo_flight.report import style
 from tombo_flight.report.page import Item, Page, Picture, Section, Table, Text
 from tombo_flight.report.style import new_figure

@@ -12,19 +12,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from tombo_bag.flight import Flight
 from tombo_bag.flight_time import FLIGHT_METADATA
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.time_base import EPOCH_NS
 from tombo_flight.flight import as_flown
-from tombo_flight.flight_output import FlightResult, draw_pictures, flight_summary
+from tombo_flight.flight_output import SCENARIO_FILE, draw_pictures, flight_summary, write_scenario
 from tombo_flight.json_text import as_json
 from tombo_flight.process.stop_signals import Stopped, StopSignals
 from tombo_flight.progress import ProgressCallback
 from tombo_flight.recorded_flight import read_flight
 from tombo_flight.scenario import Scenario, world_of
-from tombo_flight.scenario_file import SCENARIO_FILE, write_scenario
 from tombo_flight.suite.node_diagnostics import node_metrics
 from tombo_flight.suite.nodes import HIL_SIM, PX4_SUITE, free_domain, udp_ports
 from tombo_flight.suite.px4_connection import Px4Connection
@@ -56,23 +56,27 @@ _RELAYED_S = 5.0
 """Wait for the bridge's last status, which the monitor forwards."""
 
 
-@dataclasses.dataclass(frozen=True)
-class NodeFlight:
-    """A flight by nodes.
+@dataclasses.dataclass
+class NodeRun:
+    """What happened to the processes of a flight by nodes.
 
     Attributes:
-        flight: as a headless one.
-        died: nodes that ended by themselves.
-        warnings: (node, line) of their logs: warnings and errors.
+        wall_s: how long the flight took.
+        interrupted: it was ended from outside before its time.
+        refused: why the vehicle did not take off; empty: it did.
         left_armed: that the vehicle is armed still, and in what mode; empty: it is not.
         loss: which loss has ended a flight over PX4; empty: none has.
+        died: nodes that ended by themselves.
+        warnings: (node, line) of their logs: warnings and errors.
     """
 
-    flight: FlightResult
-    died: list[ProcessExit]
-    warnings: list[tuple[str, str]]
+    wall_s: float = 0.0
+    interrupted: bool = False
+    refused: str = ""
     left_armed: str = ""
     loss: str = ""
+    died: list[ProcessExit] = dataclasses.field(default_factory=list)
+    warnings: list[tuple[str, str]] = dataclasses.field(default_factory=list)
 
 
 class NotFlown(Exception):
@@ -133,7 +137,7 @@ def fly_nodes_and_save(
     lockstep: bool = False,
     px4: Px4Connection | None = None,
     notice: Callable[[str], None] = lambda text: None,
-) -> NodeFlight:
+) -> tuple[Flight, NodeRun]:
     """Fly a scenario with all nodes and write its files into an output folder.
 
     Args:
@@ -182,12 +186,12 @@ def fly_nodes_and_save(
         raise NotFlown(flown.refused)
     on_progress("reading flight.mcap", 1.0)
     flight = _summarize(flown, bag, mode)
-    write_scenario(folder / SCENARIO_FILE, scenario, f"--seed {seed}")
+    write_scenario(folder / SCENARIO_FILE, scenario, seed)
     text = as_json(flight.summary)
     (folder / "summary.json").write_text(text, encoding="utf-8", newline="\n")
     if not flown.interrupted:
-        draw_pictures(flight.record, folder, stop, on_progress)
-    return NodeFlight(flight, flown.died, flown.warnings, flown.left_armed, flown.loss)
+        draw_pictures(flight, folder, stop, on_progress)
+    return flight, flown
 
 
 def _domain(px4: Px4Connection | None) -> int | None:
@@ -211,19 +215,6 @@ def _monitor_arguments(px4: Px4Connection | None) -> tuple[str, ...]:
     return ("--flight", "--px4", *(() if px4.simulated else ("--mocap",)))
 
 
-@dataclasses.dataclass
-class _FlownByNodes:
-    """What happened to the processes of a flight."""
-
-    wall_s: float = 0.0
-    interrupted: bool = False
-    refused: str = ""
-    left_armed: str = ""
-    loss: str = ""
-    died: list[ProcessExit] = dataclasses.field(default_factory=list)
-    warnings: list[tuple[str, str]] = dataclasses.field(default_factory=list)
-
-
 def _metadata(scenario: Scenario, seed: int, mode: str) -> dict[str, dict[str, str]]:
     """Return the metadata of the recorder, as in a headless flight."""
     flown = as_flown(scenario, seed, begin(world_of(scenario), seed))
@@ -241,9 +232,9 @@ def _fly(
     stop: StopSignals,
     on_progress: ProgressCallback,
     notice: Callable[[str], None],
-) -> _FlownByNodes:
+) -> NodeRun:
     """Run the suite until the flight is over."""
-    flown = _FlownByNodes()
+    flown = NodeRun()
     watch = FlightMonitor(config.scenario)
     needed = [name for name in config.nodes if config.lockstep or name in _NEEDED]
     bridge = BridgeMonitor() if "px4_bridge" in config.nodes else None
@@ -328,8 +319,8 @@ def _collect_logs(logs: Path, target: Path) -> None:
     target.write_text("\n".join(parts), encoding="utf-8")
 
 
-def _summarize(flown: _FlownByNodes, bag: Path, mode: str) -> FlightResult:
-    """Make record and summary from the recording.
+def _summarize(flown: NodeRun, bag: Path, mode: str) -> Flight:
+    """Return the flight of the recording, with its summary.
 
     Raises:
         InputError: there is nothing in it.
@@ -354,5 +345,4 @@ def _summarize(flown: _FlownByNodes, bag: Path, mode: str) -> FlightResult:
     more = {"mode": mode, **metrics, "died": died}
     record = dataclasses.replace(record, summary={**record.summary, **more})
     summary = flight_summary(record, interrupted=flown.interrupted, recorded_messages=messages)
-    record = dataclasses.replace(record, summary=summary)
-    return FlightResult(record, summary)
+    return dataclasses.replace(record, summary=summary)

@@ -145,7 +145,7 @@ def parse_seeds(text: str, most: int = _MOST_FLIGHTS) -> range:
 def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json: bool) -> int:
     """Rehearse the scenario, fly it, write its files and show its page; return the exit code."""
     from tombo_bringup.cli.progress import progress_bar
-    from tombo_flight.flight_output import fly_into, warm_up_flight
+    from tombo_flight.flight_output import flown_page, fly_into, warm_up_flight
     from tombo_flight.process.stop_signals import StopSignals
 
     with progress_bar() as on_progress:
@@ -157,5 +157,5 @@ def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json:
             folder.publish()
     if not as_json and stop.asked() and not flight.summary["interrupted"]:
         typer.echo("Interrupted after the flight: the pictures are not drawn.")
-    show_page(flight.page, as_json, None if as_json else folder.path, names)
+    show_page(flown_page(flight), as_json, None if as_json else folder.path, names)
     return stop.exit_code

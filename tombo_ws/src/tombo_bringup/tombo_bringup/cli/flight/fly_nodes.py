@@ -60,7 +60,7 @@ def fly_nodes(
                 return stop.exit_code or 1
             with progress_bar() as on_progress, place.open() as folder:
                 try:
-                    flown = fly_nodes_and_save(
+                    flight, run = fly_nodes_and_save(
                         folder, scenario, seed, stop, speed=speed, domain=domain,
                         on_progress=on_progress, lockstep=lockstep, px4=px4,
                         notice=lambda text: typer.echo(text, err=True),
@@ -73,17 +73,17 @@ def fly_nodes(
                 folder.publish()
         except Stopped:  # before anything was flown: nothing to keep
             return stop.exit_code
-    print_node_flight(flown, folder.path, names, as_json)
+    print_node_flight(flight, run, folder.path, names, as_json)
     if not (as_json or lockstep):  # a flight in lockstep is the same on every machine
-        print_verdict(flown.flight.summary)
-    if flown.left_armed:
-        print_error(flown.left_armed)
-    elsewhere = flown.flight.summary["ends_elsewhere"] if px4 is not None else None
+        print_verdict(flight.summary)
+    if run.left_armed:
+        print_error(run.left_armed)
+    elsewhere = flight.summary["ends_elsewhere"] if px4 is not None else None
     if elsewhere and not stop.exit_code:
         print_error(f"the flight did not end in a landing where it should: {elsewhere}")
-    if flown.loss:
-        print_error(f"a loss ended the flight: {flown.loss}")
-    failed = flown.died or flown.left_armed or elsewhere or flown.loss
+    if run.loss:
+        print_error(f"a loss ended the flight: {run.loss}")
+    failed = run.died or run.left_armed or elsewhere or run.loss
     return stop.exit_code or int(bool(failed))
 
 

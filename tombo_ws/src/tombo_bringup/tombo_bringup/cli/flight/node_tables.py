@@ -12,30 +12,35 @@ from tombo_flight.suite.node_diagnostics import lateness_text
 from tombo_flight.suite.node_log import without_stamp
 
 if TYPE_CHECKING:
-    from tombo_flight.suite.node_flight import NodeFlight
+    from tombo_bag.flight import Flight
+    from tombo_flight.suite.node_flight import NodeRun
 
 _WARNINGS: Final = 12
 """More are not shown."""
 
 
-def print_node_flight(flown: NodeFlight, path: Path, files: Sequence[str], as_json: bool) -> None:
+def print_node_flight(
+    flight: Flight, run: NodeRun, path: Path, files: Sequence[str], as_json: bool
+) -> None:
     """Print a flight by nodes: its summary as JSON, or tables and the files in `path`."""
-    show_page(flown.flight.page, as_json)
+    from tombo_flight.flight_output import flown_page
+
+    show_page(flown_page(flight), as_json)
     if not as_json:
-        print_nodes(flown)
+        print_nodes(flight, run)
         print_line(f"{path}: {', '.join(files)}")
 
 
-def print_nodes(flown: NodeFlight) -> None:
+def print_nodes(flight: Flight, run: NodeRun) -> None:
     """Print loops, latency and the recorder's losses, and the nodes' troubles, each once."""
-    if flown.flight.summary["loops"]:
-        print_timing(flown.flight.summary)
-    troubles = list(dict.fromkeys(f"{node}: {without_stamp(x)}" for node, x in flown.warnings))
+    if flight.summary["loops"]:
+        print_timing(flight.summary)
+    troubles = list(dict.fromkeys(f"{node}: {without_stamp(x)}" for node, x in run.warnings))
     for trouble in troubles[:_WARNINGS]:
         print_line(trouble, "yellow")
     if len(troubles) > _WARNINGS:
         print_line(f"... and {len(troubles) - _WARNINGS} more warnings: nodes.log", "yellow")
-    for end in flown.died:
+    for end in run.died:
         print_line(f"{end.name} has ended, {end.exit_text}; see nodes.log", "bold red")
 
 

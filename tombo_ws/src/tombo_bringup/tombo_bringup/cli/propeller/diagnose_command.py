@@ -70,7 +70,7 @@ def run(
     from tombo_diagnosis.stand.tables.table_reader import read_stand
     from tombo_dynamics.propeller import configuration, parameter_row
     from tombo_dynamics.propeller.effects import STAND_EFFECTS
-    from tombo_flight.model_file import read_model
+    from tombo_flight.extended_model import read_model
 
     number = _CONF if propeller.conf is None else propeller.conf
     formulas = _LAW if propeller.law is None else propeller.law
