@@ -102,9 +102,9 @@ def _inertial(flights: list[Flight], base: VehicleFile, output: Path) -> Page:
     from tombo_diagnosis.flight.inertial_vehicle import inertial_page, inertial_vehicle
     from tombo_flight.vehicle_file import write_vehicle
 
-    fit = inertial_vehicle(flights, base)
-    write_vehicle(output, fit.file)
-    return inertial_page(fit, output)
+    file, fit, deviation = inertial_vehicle(flights, base)
+    write_vehicle(output, file)
+    return inertial_page(file, fit, deviation, output)
 
 
 def _page(fit: VehicleFit, output: Path) -> Page:

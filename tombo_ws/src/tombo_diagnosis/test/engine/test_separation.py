@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from tombo_diagnosis.engine.separation import separating_experiment
+from tombo_diagnosis.engine.verdict import separating_experiment
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.propeller.effects import STAND_EFFECTS
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import stands
 
-from tombo_diagnosis.engine.separation import separating_experiment
+from tombo_diagnosis.engine.verdict import separating_experiment
 from tombo_diagnosis.stand.analyse import LOG_BF_CURVES, analyse
 from tombo_diagnosis.stand.causes import estimate_cause, held_out, scores
 from tombo_diagnosis.stand.problem import StandProblem

@@ -9,12 +9,14 @@ nearly always get the name of some effect. `judge` is the whole decision, read f
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
+from typing import Protocol, TypeVar
 
 import numpy as np
 from scipy.special import expit
 
+from tombo_diagnosis.diagnosis import Experiment
 from tombo_diagnosis.engine.model import (
     Analysis,
     Explanation,
@@ -30,6 +32,7 @@ from tombo_diagnosis.engine.model_selection import (
     MAX_CAUSES,
     search,
 )
+from tombo_diagnosis.wording import listed
 from tombo_flight.progress import ProgressCallback
 
 P = TypeVar("P", bound=RegressionModel)
@@ -43,6 +46,8 @@ _SURE_LOG_BF = 10.0
 """From this evidence on causes may be named although other channels hold something else."""
 _NONE_SLOPE, _NONE_EVEN_LOG_BF = 1.3, 2.0
 _MAX_EXPONENT = 50.0
+_MAX_ADVICE = 6
+"""Pairs whose advice is given, the most probable first."""
 
 
 def judge(setting: Setting, result: SearchResult, remainder: Remainder) -> Judgement:
@@ -229,3 +234,28 @@ def analyse_problem(
     progress("testing the residual", 0.6)
     remainder = test_residual(problem, result)
     return Analysis(problem, result, remainder, judge(problem.setting, result, remainder))
+
+
+class _Effect(Protocol):
+    @property
+    def separates_from(self) -> Mapping[str, str]:
+        """Effect → the measurement that tells both apart."""
+
+
+def separating_experiment(
+    members: Sequence[str], effects: Mapping[str, _Effect]
+) -> Experiment | None:
+    """Return the registry's advice on how to separate the members of a set; None without a set."""
+    if len(members) < 2:
+        return None
+    texts = []
+    for a, b in combinations(members, 2):
+        advice = effects[a].separates_from.get(b) or effects[b].separates_from.get(a)
+        if advice:
+            texts.append(f"{advice} ({listed((a, b))})")
+    names = listed(members)
+    if not texts:
+        text = f"No known measurement tells {names} apart; change one of them by hand."
+    else:
+        text = f"To tell {names} apart: {'; '.join(texts[:_MAX_ADVICE])}."
+    return Experiment(tuple(members), text)

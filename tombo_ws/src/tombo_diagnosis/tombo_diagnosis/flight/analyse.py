@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
@@ -21,7 +21,6 @@ from tombo_diagnosis.flight.fit.transients import exclude_spans, find_transients
 from tombo_diagnosis.flight.noise import NoiseFit, fit_noise_effects
 from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_diagnosis.flight.residual_check import (
-    FORCE_CHANNELS,
     GustFit,
     ResidualExcess,
     ScaleVariances,
@@ -100,18 +99,22 @@ def analyse(
     """Diagnose flights as recorded, then by each of `PASSES` in turn."""
     progress("predicting", 0.0)
     findings = analyse_problem(FlightProblem(tracks, nominal), check_residual, progress)
-    for analyse_again in PASSES:
+    for analyse_further in PASSES:
         progress("analysing again", 0.6)
-        again = analyse_again(findings)
+        again = analyse_further(findings)
         if again is not None:
-            before, now = findings.remainder.excluded, again.remainder.excluded
-            findings = excluding(again, tuple(dict.fromkeys((*before, *now))))
+            excluded = dict.fromkeys((*findings.remainder.excluded, *again.remainder.excluded))
+            findings = _excluding(again, excluded)
     return findings
 
 
-def excluding(findings: FlightAnalysis, excluded: tuple[Finding, ...]) -> FlightAnalysis:
-    """Return findings with the spans that were excluded before."""
-    return replace(findings, remainder=replace(findings.remainder, excluded=excluded))
+def analyse_again(problem: FlightProblem, excluded: Iterable[Finding] = ()) -> FlightAnalysis:
+    """Search for the causes of a problem; `excluded`: spans that it is without."""
+    return _excluding(analyse_problem(problem, check_residual, no_progress), excluded)
+
+
+def _excluding(findings: FlightAnalysis, excluded: Iterable[Finding]) -> FlightAnalysis:
+    return replace(findings, remainder=replace(findings.remainder, excluded=tuple(excluded)))
 
 
 def without_lost_memories(findings: FlightAnalysis) -> FlightAnalysis | None:
@@ -132,10 +135,9 @@ def without_lost_memories(findings: FlightAnalysis) -> FlightAnalysis | None:
     ranked = rank_hypotheses(followed, null)
     if not any(h.effect in effects for gain, h in ranked if gain > 0.0):
         return None
-    again = analyse_problem(followed, check_residual, no_progress)
-    if not effects & {*again.judgement.effects, *again.judgement.members}:
-        return None
-    return excluding(again, tuple(chain.from_iterable(lost)))
+    again = analyse_again(followed, chain.from_iterable(lost))
+    named = {*again.judgement.effects, *again.judgement.members}
+    return again if effects & named else None
 
 
 def in_swinging_air(findings: FlightAnalysis) -> FlightAnalysis | None:
@@ -151,8 +153,7 @@ def in_swinging_air(findings: FlightAnalysis) -> FlightAnalysis | None:
     tracks = with_swing(problem, restrict_to(problem, best, kept).fit)
     if tracks is None:
         return None
-    swinging = FlightProblem(tracks, problem.nominal)
-    again = analyse_problem(swinging, check_residual, no_progress)
+    again = analyse_again(FlightProblem(tracks, problem.nominal))
     if WIND in again.judgement.effects and along(tracks, *mean_wind(again)):
         return again
     return _without_gusts(findings)
@@ -167,8 +168,7 @@ def without_transients(findings: FlightAnalysis) -> FlightAnalysis | None:
     if not events:
         return None
     quiet = FlightProblem(exclude_spans(problem.tracks, events), problem.nominal)
-    again = analyse_problem(quiet, check_residual, no_progress)
-    return excluding(again, tuple(chain.from_iterable(events)))
+    return analyse_again(quiet, chain.from_iterable(events))
 
 
 PASSES: Sequence[Callable[[FlightAnalysis], FlightAnalysis | None]] = (
@@ -227,11 +227,9 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
     excesses = residual_excesses(measured, expected)
     gusts = None
     residual_r2 = 0.0
-    forces_unexplained = any(
-        each.excess > 0.0 and each.channel.startswith(FORCE_CHANNELS) for each in excesses
-    )
+    forces_unexplained = any(each.excess > 0.0 and each.of_forces for each in excesses)
     if forces_unexplained:
-        residual_r2 = cross_validated_r2(problem, best, FORCE_CHANNELS)
+        residual_r2 = cross_validated_r2(problem, best)
     if (
         forces_unexplained
         and not nominal.calibrated
@@ -264,13 +262,8 @@ def _share_of_one_flight(problem: FlightProblem, fit: Fit, expected: ScaleVarian
         return 0.0
     excess = []
     for f in range(len(problem.tracks)):
-        variances = residual_variances(problem, fit, (f,))
-        each = [
-            e
-            for e in residual_excesses(variances, expected)
-            if e.channel.startswith(FORCE_CHANNELS)
-        ]
-        excess.append(sum(max((e.measured / e.expected) ** 2 - 1.0, 0.0) for e in each))
+        each = residual_excesses(residual_variances(problem, fit, (f,)), expected)
+        excess.append(sum(e.beyond for e in each if e.of_forces))
     return max(excess) / sum(excess) if sum(excess) > 0.0 else 0.0
 
 
@@ -365,24 +358,19 @@ def explained_excess(
     `before`, `after`: residual variances without and with it; `expected`: those of noise. The
     excess is that of a channel's variance at its worst time scale, over the expected one.
     """
-    worst = {each.channel: each for each in residual_excesses(after, expected)}
-    table = []
-    for was in residual_excesses(before, expected):
-        now = worst[was.channel]
-        much = max((was.measured / was.expected) ** 2 - 1.0, 0.0)
-        less = max((now.measured / now.expected) ** 2 - 1.0, 0.0)
-        table.append((channel_group(was.channel), much, less))
-    concerned = [row for row in table if row[2] < _MAX_EXCESS_LEFT_SHARE * row[1]]
-    shares = [1.0 - less / much for _, much, less in concerned]
+    left = {each.channel: each.beyond for each in residual_excesses(after, expected)}
+    every = residual_excesses(before, expected)
+    concerned = [e for e in every if left[e.channel] < _MAX_EXCESS_LEFT_SHARE * e.beyond]
+    shares = [1.0 - left[each.channel] / each.beyond for each in concerned]
+
+    def removed_share(some: Sequence[ResidualExcess]) -> float:
+        total = sum(each.beyond for each in some)
+        kept = sum(left[each.channel] for each in some)
+        return max(0.0, 1.0 - kept / total) if total > 0.0 else 0.0
+
     return ExplainedExcess(
         sum(shares) / len(shares) if shares else 0.0,
-        _removed_share(table),
-        _removed_share([row for row in table if row[0] == "force"]),
-        frozenset(group for group, _, _ in concerned),
+        removed_share(every),
+        removed_share([each for each in every if each.of_forces]),
+        frozenset(channel_group(each.channel) for each in concerned),
     )
-
-
-def _removed_share(table: Sequence[tuple[str, float, float]]) -> float:
-    """Return the share of an excess that goes, from rows of group, excess before and after."""
-    before = sum(row[1] for row in table)
-    return max(0.0, 1.0 - sum(row[2] for row in table) / before) if before > 0.0 else 0.0

@@ -23,7 +23,7 @@ from tombo_diagnosis.engine.model import Explanation
 from tombo_diagnosis.flight.analyse import FlightAnalysis, mean_wind
 from tombo_diagnosis.flight.fit.sensitivity import scatter_unit
 from tombo_diagnosis.flight.fit.track import WIND
-from tombo_diagnosis.flight.nominal import SCATTER, SCATTER_LABEL
+from tombo_diagnosis.flight.nominal import SCATTER
 from tombo_diagnosis.flight.swing import swing_estimate
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.vehicle import VehicleParams
@@ -98,9 +98,9 @@ def _together(a: ParameterEstimate, b: ParameterEstimate) -> ParameterEstimate:
 def _scatter_estimate(findings: FlightAnalysis, explanation: Explanation) -> ParameterEstimate:
     """Return the scatter of the draws: their root mean square, with a chi-square interval."""
     problem = findings.problem
-    p = next(p for p in problem.nominal.parameters if p.label == SCATTER_LABEL)
+    p = problem.nominal.scatter
     drawn = explanation.fit.solution.mean[len(problem.unknowns.indices) :]
-    unit = scatter_unit(problem.theta, p)
+    unit = scatter_unit(problem.theta, problem.nominal)
     count = max(drawn.size, 1)
     value = min(unit * float(np.sqrt(np.mean(drawn**2))), p.high)
     low = value * math.sqrt(count / float(stats.chi2.ppf(0.975, count)))

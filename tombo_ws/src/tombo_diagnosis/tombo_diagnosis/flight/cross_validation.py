@@ -14,8 +14,7 @@ from tombo_diagnosis.engine.cause_estimates import gain_of, rms
 from tombo_diagnosis.engine.model import Explanation, SearchResult
 from tombo_diagnosis.engine.model_selection import LOG_BF_ADDITIONAL, LOG_BF_FIRST, restrict_to
 from tombo_diagnosis.engine.regression import Fit, solve
-from tombo_diagnosis.engine.verdict import analyse_problem
-from tombo_diagnosis.flight.analyse import FlightAnalysis, check_residual, excluding
+from tombo_diagnosis.flight.analyse import FlightAnalysis, analyse_again
 from tombo_diagnosis.flight.fit.prediction import (
     motion_of,
     residuals,
@@ -25,12 +24,11 @@ from tombo_diagnosis.flight.fit.prediction import (
 from tombo_diagnosis.flight.fit.problem import FlightProblem, sum_of, tangent_of
 from tombo_diagnosis.flight.fit.sensitivity import with_scatter
 from tombo_diagnosis.flight.fit.track import TICK
-from tombo_diagnosis.flight.nominal import SCATTER, SCATTER_LABEL
+from tombo_diagnosis.flight.nominal import SCATTER
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.plant import State
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
 from tombo_flight.extended_model import Gain
-from tombo_flight.progress import no_progress
 from tombo_logs.checks.even_flight import IMU_WIDTH, smooth
 from tombo_sim.inverse_simulation import open_loop
 
@@ -112,7 +110,7 @@ def _predicted(problem: FlightProblem, fit: Fit, flight: int, mean: Array) -> He
         draw_means = mean if problem.vehicles == 1 else fit.solution.mean
         draws[problem.drawn] = draw_means[first : first + len(problem.drawn)]
         # Draws are in units of the nominal scatter, whatever a fit has made of its size.
-        scale = next(p.index for p in unknowns.parameters if p.label == SCATTER_LABEL)
+        scale = problem.nominal.scatter.index
         theta[scale] = problem.theta[scale]
         theta, _ = with_scatter(theta, problem.nominal)
     residual = residuals(problem.tracks[flight], problem.nominal, theta, draws=draws)
@@ -319,19 +317,14 @@ def final_explanation(findings: FlightAnalysis) -> Explanation:
     return restrict_to(findings.problem, best, judgement.effects)
 
 
-def with_parts(problem: FlightProblem, final: Explanation) -> list[Explanation]:
-    """Return an explanation and each of its causes alone: what flights are held out from."""
-    if len(final.hypotheses) < 2:
-        return [final]
-    return [final, *(restrict_to(problem, final, (e,)) for e in final.effects)]
-
-
 def held_out_gains(findings: FlightAnalysis, final: Explanation) -> list[Gain]:
     """Return how much better each channel of each flight is predicted by what others taught."""
     if not final.hypotheses:
         return []
     problem = findings.problem
-    tried = with_parts(problem, final)
+    tried = [final]
+    if len(final.hypotheses) > 1:
+        tried += [restrict_to(problem, final, (effect,)) for effect in final.effects]
     tried += findings.search.alternatives if findings.judgement.members else ()
     held = [fit_without_flight(problem, f, tried) for f in range(len(problem.tracks))]
     return one_step_gains(problem, held) + open_loop_gains(problem, held)
@@ -369,8 +362,7 @@ def refuse_contradicted(
         refused[_culprit(findings, final, worst)] = _refusal_text(worst)
         problem = findings.problem
         problem.refuse(refused)
-        again = analyse_problem(problem, check_residual, no_progress)
-        findings = excluding(again, findings.remainder.excluded)
+        findings = analyse_again(problem, findings.remainder.excluded)
 
 
 def _culprit(findings: FlightAnalysis, final: Explanation, worst: Gain) -> str:

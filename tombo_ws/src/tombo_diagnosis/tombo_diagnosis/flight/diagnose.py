@@ -15,9 +15,9 @@ from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Flight
 from tombo_diagnosis.control.controller import ControllerReport, controller_report, with_controller
 from tombo_diagnosis.control.signals import DrivePlant
-from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary, Leftover, Residual
+from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary, Residual
 from tombo_diagnosis.engine.model import Explanation
-from tombo_diagnosis.engine.separation import separating_experiment
+from tombo_diagnosis.engine.verdict import separating_experiment
 from tombo_diagnosis.flight.analyse import UNCERTAIN_VERDICTS, FlightAnalysis, analyse
 from tombo_diagnosis.flight.calibrate import calibrated, has_no_thrust_data, thrust_from_track
 from tombo_diagnosis.flight.causes import UNWEIGHED, estimate_cause, scores, shown_by_scale
@@ -100,6 +100,9 @@ def diagnose_flights(
         estimate_cause(e, findings, final if e in final.effects else search.explaining(e))
         for e in judgement.effects
     )
+    leftover = None
+    if judgement.verdict in UNCERTAIN_VERDICTS:
+        leftover = flight_leftover(problem, final.fit, findings.remainder.unexplained_groups)
     vehicle = problem.nominal.vehicle
     unweighed = any(not shown_by_scale(c.effect, c.theta, vehicle) for c in causes)
     progress("done", 1.0)
@@ -130,17 +133,11 @@ def diagnose_flights(
         vehicle=nominal.vehicle_name
         or (usable[0].airframe.name if usable[0].airframe is not None else ""),
         seconds=clock() - began,
-        leftover=_leftover(findings, final),
+        leftover=leftover,
         controller=controller,
         tolerances=nominal_tolerances(nominal),
     )
     return diagnosis, findings
-
-
-def _leftover(findings: FlightAnalysis, final: Explanation) -> Leftover | None:
-    if findings.judgement.verdict not in UNCERTAIN_VERDICTS:
-        return None
-    return flight_leftover(findings.problem, final.fit, findings.remainder.unexplained_groups)
 
 
 def _usable(logs: Sequence[Flight]) -> tuple[list[Flight], list[Finding]]:

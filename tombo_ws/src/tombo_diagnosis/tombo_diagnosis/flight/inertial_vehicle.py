@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,34 +24,27 @@ _COMMANDS = (0.5, 0.6, 0.7)
 """At which the thrust curve is shown."""
 
 
-@dataclass(frozen=True)
-class InertialVehicle:
-    """A vehicle as flights without poses show it."""
-
-    file: VehicleFile
-    fit: InertialFit
-    deviation: tuple[float, float, float]
-    """Of thrust and both moments of inertia, as shares."""
-
-
-def inertial_vehicle(logs: Sequence[Flight], base: VehicleFile) -> InertialVehicle:
+def inertial_vehicle(
+    logs: Sequence[Flight], base: VehicleFile
+) -> tuple[VehicleFile, InertialFit, list[float]]:
     """Fit flights with gyro, accelerometer and motor commands.
 
     Args:
         logs: as read.
         base: mass, arms and whatever the flights don't show.
 
+    Returns:
+        The vehicle, the fit, and the deviations of thrust and both moments of inertia (3), as
+        shares.
+
     Raises:
         InputError: a flight lacks a channel, or is too short.
     """
     flights = [inertial_flight(log) for log in logs]
-    vehicle = base.vehicle
-    mass, arm = vehicle.mass, vehicle.arm_length
+    mass, arm = base.vehicle.mass, base.vehicle.arm_length
     fit = fit_inertial(flights, mass, arm)
-    deviation = deviations(flights, mass, arm, fit)
-    file = _file(base, fit, deviation.tolist(), len(logs))
-    share, *both = deviation.tolist()
-    return InertialVehicle(file, fit, (share, both[0], both[1]))
+    deviation = deviations(flights, mass, arm, fit).tolist()
+    return _file(base, fit, deviation, len(logs)), fit, deviation
 
 
 def _file(
@@ -82,10 +74,11 @@ def _file(
     )  # fmt: skip
 
 
-def inertial_page(vehicle: InertialVehicle, output: Path) -> Page:
-    """Return what flights without poses show; `output`: the vehicle file."""
-    fit = vehicle.fit
-    share, *both = vehicle.deviation
+def inertial_page(
+    file: VehicleFile, fit: InertialFit, deviation: Sequence[float], output: Path
+) -> Page:
+    """Return what `inertial_vehicle` returned as a page; `output`: the vehicle file."""
+    share, *both = deviation
     rows = [
         (f"thrust of a rotor at command {command:g} [N]",
          figure(float(fit.drive.thrust(np.full((1, 4), command))[0, 0])),
@@ -102,7 +95,7 @@ def inertial_page(vehicle: InertialVehicle, output: Path) -> Page:
         ("motor time constant [s]", figure(fit.lag), ""),
         ("delay before it [s]", figure(fit.delay), ""),
     ]
-    name = vehicle.file.name
+    name = file.name
     unseen = (
         "Not shown without poses, as before: drag, centre of gravity, moment of inertia about z."
     )
@@ -118,7 +111,7 @@ def inertial_page(vehicle: InertialVehicle, output: Path) -> Page:
         data={
             "name": name,
             "fit": dataclasses.asdict(fit),
-            "deviation": list(vehicle.deviation),
-            "file": vehicle_text(vehicle.file),
+            "deviation": list(deviation),
+            "file": vehicle_text(file),
         },
     )

@@ -6,7 +6,7 @@ mean of the other flights in slices of the variable: no shape is assumed.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import pandas as pd
@@ -21,9 +21,7 @@ from tombo_logs.checks.spans import block_means
 
 _BLOCK_S = 0.24
 """Means over such blocks are compared and drawn."""
-_CHANNELS: Mapping[str, tuple[str, ...]] = {
-    "force": ("force", "acceleration"), "moment": ("turning",),
-}  # fmt: skip
+_QUANTITIES = ("force", "moment")
 _SLICES = 10
 """Of a variable, with equally many samples each."""
 _MIN_R2 = 0.1
@@ -37,7 +35,7 @@ def flight_leftover(problem: FlightProblem, fit: Fit, groups: Collection[str] = 
 
     Only those among `groups` of unexplained channels, if any of them is.
     """
-    quantities = [q for q in _CHANNELS if q in groups] or [*_CHANNELS]
+    quantities = [q for q in _QUANTITIES if q in groups] or [*_QUANTITIES]
     flights = range(len(problem.tracks))
     by_quantity = {q: [_samples(problem, fit, f, q) for f in flights] for q in quantities}
     measured = {q: [s for s in each if s is not None] for q, each in by_quantity.items()}
@@ -94,22 +92,23 @@ def _samples(
 ) -> LeftoverSamples | None:
     """Return one flight's leftover; None where its channels do not show the quantity."""
     track, linear = problem.tracks[flight], tangent_of(fit).linears[flight]
-    shown = _channels(problem, flight, quantity)
-    if shown is None:
+    group, chosen = problem.rows_of(flight, quantity)
+    if not chosen:
         return None
-    group, chosen, axes = shown
-    kernel = track.fast_kernel if group == "fast" else track.slow_kernel
+    names = [problem.channels[flight][group][k].name for k in chosen]
+    axes = ["xyz".index(name[-1]) for name in names]
+    kernel = track.kernel(group)
     length = max(1, round(_BLOCK_S * problem.per_second(group)))
     vehicle = problem.nominal.vehicle
     inertia = np.array([vehicle.inertia_xx, vehicle.inertia_yy, vehicle.inertia_zz])
     size = np.full(3, vehicle.mass) if quantity == "force" else inertia
     rows = problem.residual(fit, flight)[group][:, chosen]
-    left = block_means(rows, length) * size[list(axes)]
+    left = block_means(rows, length) * size[axes]
     rotation = linear.motion.rotation
     turned = block_means(kernel.smooth @ rotation.reshape(-1, 9), length).reshape(-1, 3, 3)
     body = np.full((len(left), 3), np.nan)
-    body[:, list(axes)] = left
-    if problem.channels[flight][group][chosen[0]].name.startswith("acceleration"):
+    body[:, axes] = left
+    if names[0].startswith("acceleration"):
         body = np.einsum("nji,nj->ni", turned, body)  # of axes in map
     state = _state(problem, fit, flight)
     means = {name: block_means(kernel.smooth @ v, length) for name, v in state.items()}
@@ -120,19 +119,6 @@ def _rms(values: Sequence[Array]) -> float:
     every = np.vstack(values)
     known = np.isfinite(every).any(axis=0)  # an axis may not be compared at all
     return float(np.sqrt(np.nanmean(every[:, known] ** 2, axis=0).sum()))
-
-
-def _channels(
-    problem: FlightProblem, flight: int, quantity: str
-) -> tuple[str, list[int], tuple[int, ...]] | None:
-    """Return group, places of the channels in it, and their axes."""
-    for group, names in problem.channels[flight].items():
-        chosen = [
-            k for k, c in enumerate(names) if c.name.rsplit(" ", 1)[0] in _CHANNELS[quantity]
-        ]
-        if chosen:
-            return group, chosen, tuple("xyz".index(names[k].name[-1]) for k in chosen)
-    return None
 
 
 def _state(problem: FlightProblem, fit: Fit, flight: int) -> dict[str, Array]:

@@ -49,17 +49,6 @@ def block_variances(residual: Array, spacing: float) -> tuple[Array, Array]:
     return variances, counts
 
 
-def pooled(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Return variances and counts over flights, weighed by the counts."""
-    counts = np.sum([c for _, c in parts], axis=0)
-    total = np.zeros_like(parts[0][0])
-    for variances, count in parts:
-        total += np.where(count[:, None] > 0, np.nan_to_num(variances) * count[:, None], 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = total / counts[:, None]
-    return mean, counts
-
-
 def long_run_of_scales(variances: Sequence[float], per_second: float) -> float:
     """Return rows times the variance of their mean, at the time scale where this is most.
 

@@ -104,6 +104,11 @@ class NominalModel:
         )
 
     @cached_property
+    def scatter(self) -> FreeParameter:
+        """The parameter that says how much the rotors of a vehicle differ."""
+        return next(p for p in self.parameters if p.label == SCATTER_LABEL)
+
+    @cached_property
     def tolerance_inflation(self) -> float:
         """Factor by which tolerances may be too small, as far as the vehicle's flights tell.
 

@@ -15,16 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tombo_diagnosis.engine.regression import Fit
-from tombo_diagnosis.flight.fit.prediction import MotionOfPoses
+from tombo_diagnosis.flight.fit.prediction import MotionOfPoses, channel_group
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_diagnosis.flight.fit.sensitivity import map_flights
-from tombo_diagnosis.flight.noise import (
-    SCALES_S,
-    block_variances,
-    floors_of,
-    pooled,
-    simulated_noise,
-)
+from tombo_diagnosis.flight.noise import SCALES_S, block_variances, floors_of, simulated_noise
 from tombo_diagnosis.flight.nominal import PARAMETERS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import layout
@@ -73,31 +67,22 @@ def _grid_features(state: Array, low: Array, high: Array) -> Array:
     return np.asarray(both.reshape(both.shape[0], -1))
 
 
-def cross_validated_r2(problem: FlightProblem, fit: Fit, start: tuple[str, ...]) -> float:
-    """Return the share (0 to 1) of the remainder of a fit that other flights predict.
-
-    Of the channels whose names begin with one of `start`.
-    """
+def cross_validated_r2(problem: FlightProblem, fit: Fit) -> float:
+    """Return the share (0 to 1) of the forces' remainder of a fit that other flights predict."""
     xs, ys = [], []
     motions = [linear.motion for linear in tangent_of(fit).linears]
     places = np.vstack([motion.state[:, :3] for motion in motions])
     low, high = places.min(axis=0), places.max(axis=0)
     for f, (track, motion) in enumerate(zip(problem.tracks, motions, strict=True)):
-        every = features(motion, track.t, low, high)
-        for group, rows in problem.residual(fit, f).items():
-            channels = problem.channels[f][group]
-            chosen = [j for j, c in enumerate(channels) if c.name.startswith(start)]
-            if not chosen:
-                continue
-            kernel = track.fast_kernel if group == "fast" else track.slow_kernel
-            x = kernel.smooth @ every
-            step = max(1, round(_BLOCK_S * problem.per_second(group)))
-            # At rest a force against the motion has the direction of the pose's noise.
-            moving = block_means(kernel.smooth @ motion.state[:, 3:6], step)
-            fast = np.linalg.norm(moving, axis=1) > _MIN_SPEED_M_S
-            used = fast if np.count_nonzero(fast) > _MIN_BLOCKS else np.ones(fast.size, np.bool_)
-            xs.append(block_means(x, step)[used])
-            ys.append(block_means(rows[:, chosen], step)[used])
+        group, forces = problem.rows_of(f, "force")
+        smooth = track.kernel(group).smooth
+        step = max(1, round(_BLOCK_S * problem.per_second(group)))
+        # At rest a force against the motion has the direction of the pose's noise.
+        moving = block_means(smooth @ motion.state[:, 3:6], step)
+        fast = np.linalg.norm(moving, axis=1) > _MIN_SPEED_M_S
+        used = fast if np.count_nonzero(fast) > _MIN_BLOCKS else np.ones(fast.size, np.bool_)
+        xs.append(block_means(smooth @ features(motion, track.t, low, high), step)[used])
+        ys.append(block_means(problem.residual(fit, f)[group][:, forces], step)[used])
     if len(xs) == 1:
         xs = np.array_split(xs[0], _FOLDS)
         ys = np.array_split(ys[0], _FOLDS)
@@ -147,7 +132,7 @@ class ResidualExcess:
     @property
     def of_forces(self) -> bool:
         """Whether the channel is a force per mass."""
-        return self.channel.startswith(FORCE_CHANNELS)
+        return channel_group(self.channel) == "force"
 
 
 @dataclass(frozen=True)
@@ -191,20 +176,25 @@ def with_healthy(expected: ScaleVariances, healthy: HealthyFlights | None) -> Sc
 
 
 def _powers(problem: FlightProblem, rows: Mapping[int, dict[str, Array]]) -> ScaleVariances:
-    """Return the variances of flights, number of the flight -> group -> rows."""
+    """Return the variances of flights, weighed by their counts.
+
+    `rows`: number of the flight -> group -> residual.
+    """
     by_channel: dict[str, list[tuple[Array, Array]]] = {}
     units: dict[str, str] = {}
     for f, groups in rows.items():
         for group, residual in groups.items():
             variances, counts = block_variances(residual, 1.0 / problem.per_second(group))
             for j, c in enumerate(problem.channels[f][group]):
-                by_channel.setdefault(c.name, []).append((variances[:, j : j + 1], counts))
+                by_channel.setdefault(c.name, []).append((variances[:, j], counts))
                 units[c.name] = c.unit
     means, numbers = [], []
     for parts in by_channel.values():
-        mean, count = pooled(parts)
-        means.append(mean[:, 0])
-        numbers.append(count)
+        variances, counts = (np.array(part) for part in zip(*parts, strict=True))
+        numbers.append(counts.sum(axis=0))
+        total = np.where(counts > 0, np.nan_to_num(variances) * counts, 0.0).sum(axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            means.append(total / numbers[-1])
     return ScaleVariances(
         tuple(by_channel), tuple(units.values()), np.column_stack(means), np.column_stack(numbers)
     )
@@ -237,8 +227,6 @@ _MAX_GUST_TIME_S = 3.0
 """s: a force that holds for longer while the vehicle moves on is one of place, not of air."""
 _GUST_LOG_TIME_SD = 0.3
 """Healthy scatter of the logarithm of the gusts' time."""
-FORCE_CHANNELS = ("force", "acceleration")
-"""How the names of residuals begin that are forces per mass."""
 _GUST_DEVIATIONS_M_S = np.geomspace(0.05, 4.0, 120)
 """m/s"""
 _MODEL_LOG_SD = 0.1
@@ -266,7 +254,7 @@ class GustFit:
 def fit_gusts(problem: FlightProblem, fit: Fit, measured: ScaleVariances) -> GustFit:
     """Fit deviation and time of the gusts to the residual forces of a fit, `measured`."""
     places = layout()["gusts"]
-    forces = [j for j, n in enumerate(measured.names) if n.startswith(FORCE_CHANNELS)]
+    forces = [j for j, n in enumerate(measured.names) if channel_group(n) == "force"]
     values = measured.variances[:, forces]
     error = np.sqrt(4.0 / np.maximum(measured.counts[:, forces], 1.0) + _MODEL_LOG_SD**2)
     usable = np.isfinite(values)

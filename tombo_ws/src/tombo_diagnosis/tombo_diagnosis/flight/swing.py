@@ -18,7 +18,6 @@ from tombo_diagnosis.engine.cause_estimates import ParameterEstimate, as_tuples,
 from tombo_diagnosis.engine.regression import Fit
 from tombo_diagnosis.flight.fit.problem import FlightProblem, tangent_of
 from tombo_diagnosis.flight.fit.track import WIND, Swing, Track
-from tombo_diagnosis.flight.residual_check import FORCE_CHANNELS
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects.compose import layout
 from tombo_logs.checks.spans import block_means
@@ -95,16 +94,13 @@ def with_swing(problem: FlightProblem, fit: Fit) -> list[Track] | None:
 def _force_samples(problem: FlightProblem, fit: Fit, flight: int) -> _ForceSamples | None:
     track, linear = problem.tracks[flight], tangent_of(fit).linears[flight]
     places = [layout()[WIND][axis] for axis in ("east", "north")]
-    group = "fast" if track.formulation == "imu" else "slow"
-    channels = problem.channels[flight][group]
-    chosen = [j for j, c in enumerate(channels) if c.name.startswith(FORCE_CHANNELS)]
-    if not chosen or not all(i in linear.slopes for i in places):
+    group, forces = problem.rows_of(flight, "force")
+    if not all(i in linear.slopes for i in places):
         return None  # without drag the air does nothing
     length = max(1, round(_BLOCK_S * problem.per_second(group)))
-    kernel = track.fast_kernel if group == "fast" else track.slow_kernel
-    rows = problem.residual(fit, flight)[group][:, chosen]
-    columns = [linear.slopes[i][group][:, chosen] for i in places]
-    pace = kernel.smooth @ linear.motion.state[:, 3:5]
+    rows = problem.residual(fit, flight)[group][:, forces]
+    columns = [linear.slopes[i][group][:, forces] for i in places]
+    pace = track.kernel(group).smooth @ linear.motion.state[:, 3:5]
     times = (track.times(group) - track.t[0])[:, None]
     t, force, east, north, velocity = (
         block_means(each, length) for each in (times, rows, *columns, pace)

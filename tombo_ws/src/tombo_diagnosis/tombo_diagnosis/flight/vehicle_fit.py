@@ -275,7 +275,7 @@ def _left_within(
     problem: FlightProblem, spread: Mapping[str, float]
 ) -> dict[str, tuple[float, ...]]:
     """Return the variances by channel that a flight's differences within a spread leave."""
-    width = spread[SCATTER_LABEL] / _draw_unit(problem)
+    width = spread[SCATTER_LABEL] / scatter_unit(problem.theta, problem.nominal)
     wide = problem.with_spread(spread, width)
     return _by_channel(residual_variances(wide, wide.null_hypothesis))
 
@@ -309,7 +309,10 @@ def _spread(flights: Sequence[FlightProblem]) -> dict[str, float]:
     """
     names = [_labels(flight) for flight in flights]
     units = [
-        np.r_[np.ones(len(f.unknowns.indices)), np.full(len(f.unknowns.draws), _draw_unit(f))]
+        np.r_[
+            np.ones(len(f.unknowns.indices)),
+            np.full(len(f.unknowns.draws), scatter_unit(f.theta, f.nominal)),
+        ]
         for f in flights
     ]
     usual: dict[str, float] = {}
@@ -337,12 +340,6 @@ def _labels(flight: FlightProblem) -> list[str]:
     return [unknowns.parameters[i].label for i in unknowns.indices] + [
         SCATTER_LABEL for _ in unknowns.draws
     ]
-
-
-def _draw_unit(flight: FlightProblem) -> float:
-    """Return the relative deviation of thrust for a draw of 1."""
-    (p,) = (p for p in flight.unknowns.parameters if p.label == SCATTER_LABEL)
-    return scatter_unit(flight.theta, p)
 
 
 def _with_notes(file: VehicleFile, notes: Mapping[str, Note], **changed: Any) -> VehicleFile:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from tombo_diagnosis.diagnosis import Diagnosis, FlightSummary
-from tombo_diagnosis.engine.separation import separating_experiment
+from tombo_diagnosis.engine.verdict import separating_experiment
 from tombo_diagnosis.stand.analyse import StandAnalysis, analyse
 from tombo_diagnosis.stand.causes import estimate_cause, held_out, scores
 from tombo_diagnosis.stand.summary_text import notes, summary

@@ -12,7 +12,7 @@ Loianno, "Data-Driven System Identification of Quadrotors Subject to Motor Delay
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -113,23 +113,18 @@ def _fit_at(
     powers = [
         np.column_stack([np.full(len(v), 4.0), v.sum(axis=1), (v**2).sum(axis=1)]) for v in lagged
     ]
-    design = np.vstack([_smooth(p)[r] for p, r in zip(powers, rows, strict=True)])
-    force = mass * np.concatenate(
-        [_smooth(s.accel[:, 2])[r] for s, r in zip(flights, rows, strict=True)]
-    )
-    curve, left = _curve(design, force)
+
+    def fitted_rows(values: Iterable[Array], order: int = 0) -> Array:
+        smoothed = zip(values, rows, strict=True)
+        return np.concatenate([_smooth(v, order)[r] for v, r in smoothed])
+
+    force = mass * fitted_rows(s.accel[:, 2] for s in flights)
+    curve, left = _curve(fitted_rows(powers), force)
     drive = DriveParams(gain=float(curve[1]), offset=float(curve[0]), curvature=float(curve[2]))
     bounds = np.zeros((2, 2))
     for axis in range(2):
-        x = np.concatenate(
-            [
-                _smooth(_moment(drive, v, arm)[:, axis])[r]
-                for v, r in zip(lagged, rows, strict=True)
-            ]
-        )
-        y = np.concatenate(
-            [_smooth(s.gyro[:, axis], 1)[r] for s, r in zip(flights, rows, strict=True)]
-        )
+        x = fitted_rows(_moment(drive, v, arm)[:, axis] for v in lagged)
+        y = fitted_rows((s.gyro[:, axis] for s in flights), 1)
         u, v = x - x.mean(), y - y.mean()
         cross = max(float(u @ v), 1e-30)
         bounds[axis] = cross / float(v @ v), float(u @ u) / cross

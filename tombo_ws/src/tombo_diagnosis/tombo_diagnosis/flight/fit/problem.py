@@ -22,7 +22,7 @@ from tombo_diagnosis.engine.regression import (
     solve,
 )
 from tombo_diagnosis.engine.verdict import succession
-from tombo_diagnosis.flight.fit.prediction import channels_of
+from tombo_diagnosis.flight.fit.prediction import channel_group, channels_of
 from tombo_diagnosis.flight.fit.sensitivity import Linearization, linearize, map_flights
 from tombo_diagnosis.flight.fit.track import FAST_SPACING, SLOW_SPACING, Track
 from tombo_diagnosis.flight.noise import floors_of, long_run_of_scales, long_run_variance
@@ -182,6 +182,17 @@ class FlightProblem:
         """Return the parameters that a fit came to."""
         return fit.theta
 
+    def rows_of(self, flight: int, quantity: str) -> tuple[str, list[int]]:
+        """Return the group of rows that shows a quantity of `channel_group`, and its channels.
+
+        Empty, where a flight does not show it.
+        """
+        for group, channels in self.channels[flight].items():
+            places = [k for k, c in enumerate(channels) if channel_group(c.name) == quantity]
+            if places:
+                return group, places
+        return "", []
+
     def first_draw(self, flight: int) -> int:
         """Return the column of a flight's first draw."""
         vehicle = flight if self.vehicles > 1 else 0
@@ -246,18 +257,13 @@ class FlightProblem:
         """Return (rows, channels): what unknowns (K,) change in a group's channels."""
         return np.asarray(np.tensordot(unknowns, self.design(linear, group, flight), (0, 1)).T)
 
-    def residual(self, fit: Fit, flight: int, unknowns: Array | None = None) -> dict[str, Array]:
-        """Return the residual of a flight's channels, group -> (rows, channels).
-
-        `unknowns`: (K,) about the fit's theta; None: its solution, tolerances included.
-        """
-        if unknowns is None:
-            # Parameters that are not free stay within a few tolerances: more is a cause.
-            limits = _MAX_TOLERANCE_SIGMAS * self.unknowns.deviations(
-                fit.free, fit.prior_std_scale
-            )
-            low, high = fit.prior_mean - limits, fit.prior_mean + limits
-            unknowns = np.clip(fit.solution.mean, low, high)
+    def residual(self, fit: Fit, flight: int) -> dict[str, Array]:
+        """Return the residual of a flight's channels by a fit, group -> (rows, channels)."""
+        # Parameters that are not free stay within a few tolerances: more is a cause.
+        deviations = self.unknowns.deviations(fit.free, fit.prior_std_scale)
+        limits = _MAX_TOLERANCE_SIGMAS * deviations
+        low, high = fit.prior_mean - limits, fit.prior_mean + limits
+        unknowns = np.clip(fit.solution.mean, low, high)
         linear = tangent_of(fit).linears[flight]
         return {
             group: rows - self._explained(linear, group, flight, unknowns)

@@ -22,7 +22,7 @@ from tombo_diagnosis.flight.fit.prediction import (
 )
 from tombo_diagnosis.flight.fit.track import TICK, Track
 from tombo_diagnosis.flight.noise import with_pose_noise
-from tombo_diagnosis.flight.nominal import SCATTER_LABEL, NominalModel
+from tombo_diagnosis.flight.nominal import NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.effects import REGISTRY, Stage
 
@@ -236,18 +236,15 @@ def with_scatter(theta: Array, nominal: NominalModel) -> tuple[Array, float]:
     A nominal model without scatter has no slope with the draws: it is taken at a tenth of the size
     that matters. A healthy draw is the scatter over that, or its tolerance where that is more.
     """
-    (p,) = (p for p in nominal.parameters if p.label == SCATTER_LABEL)
+    p = nominal.scatter
     spread = theta.copy()
-    spread[p.index] = unit = scatter_unit(theta, p)
+    spread[p.index] = unit = scatter_unit(theta, nominal)
     return spread, max(float(theta[p.index]), p.tolerance) / unit
 
 
-def scatter_unit(theta: Array, p: FreeParameter) -> float:
-    """Return the relative deviation of thrust for a draw of 1.
-
-    `p`: the parameter of the scatter, of which `theta` has a value.
-    """
-    return max(float(theta[p.index]), p.step)
+def scatter_unit(theta: Array, nominal: NominalModel) -> float:
+    """Return the relative deviation of thrust for a draw of 1."""
+    return max(float(theta[nominal.scatter.index]), nominal.scatter.step)
 
 
 def map_flights(function: Callable[[_Item], _Result], flights: Sequence[_Item]) -> list[_Result]:

@@ -188,6 +188,10 @@ class Track(EvenFlight):
             pose_rows=self.pose_rows & pose,
         )
 
+    def kernel(self, group: str) -> Kernel:
+        """Return the kernel of a group (fast, slow), with its rows that count."""
+        return self.fast_kernel if group == "fast" else self.slow_kernel
+
     @property
     def formulation(self) -> str:
         """`imu` or `mocap`."""
