@@ -16,7 +16,7 @@ from tombo_bringup import PX4_OF_LAB
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.params import from_mapping
 from tombo_dynamics.yaml_text import parse_yaml, read_text
-from tombo_flight.vehicle_file import is_builtin_vehicle
+from tombo_flight.builtin_files import VEHICLES, builtin_file
 from tombo_flight.yaml_file import check_keys, list_of, mapping_of
 from tombo_mocap.params import ROS, MocapParams
 
@@ -103,7 +103,7 @@ def read_lab(path: Path) -> Lab:
 
 def _vehicle(name: str, folder: Path) -> str:
     """Return a built-in name, or a path relative to the lab file made absolute."""
-    if not name or is_builtin_vehicle(name):
+    if not name or builtin_file(VEHICLES, name) is not None:
         return name
     return str((folder / name).absolute())
 

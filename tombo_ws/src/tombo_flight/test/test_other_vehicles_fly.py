@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tombo_dynamics.vehicle import GRAVITY
+from tombo_flight.builtin_files import builtin_vehicles
 from tombo_flight.flight import fly_scenario
 from tombo_flight.scenario import load_scenario
-from tombo_flight.vehicle_file import builtin_vehicles
 
 CALM = ("effects.gusts.deviation=0", "effects.thrust_scatter.deviation=0")
 

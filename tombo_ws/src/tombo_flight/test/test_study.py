@@ -20,8 +20,9 @@ class Heights:
     def scenario_at(self, point):
         return load_scenario("hover", [f"mission.height={point}", "duration=0.2"])
 
-    def figures(self, flight, scenario):
-        figures = {"height": scenario.mission.height, "seed": flight.summary["seed"]}
+    def figures(self, flight):
+        height = flight.scenario["mission"]["height"]
+        figures = {"height": height, "seed": flight.summary["seed"]}
         return {**figures, "process": os.getpid()}
 
 
@@ -47,5 +48,5 @@ def seed_of(flight):
 
 def test_rows_of_seeds_are_in_the_order_of_the_seeds():
     scenario = load_scenario("hover", ["duration=0.2"])
-    rows = fly_seeds(scenario, [5, 2, 9], seed_of, workers=2)
+    rows = fly_seeds(scenario, [5, 2, 9], seed_of)
     assert list(rows.items()) == [(seed, {"seed": seed}) for seed in (5, 2, 9)]

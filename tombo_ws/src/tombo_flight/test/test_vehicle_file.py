@@ -9,13 +9,9 @@ from tombo_control.params import ControlParams
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice
 from tombo_dynamics.vehicle import VehicleParams
+from tombo_flight.builtin_files import builtin_vehicles
 from tombo_flight.scenario import load_scenario
-from tombo_flight.vehicle_file import (
-    builtin_vehicles,
-    read_vehicle,
-    vehicle_from_text,
-    write_vehicle,
-)
+from tombo_flight.vehicle_file import read_vehicle, vehicle_from_text, write_vehicle
 
 OWN = """
 tombo_vehicle: 1

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +27,10 @@ from tombo_dynamics.propeller import LAWS
 from tombo_dynamics.propeller.mounted_propeller import PropellerChoice, mounted_vehicle
 from tombo_dynamics.vehicle import VehicleParams
 from tombo_dynamics.yaml_text import parse_yaml, read_text
+from tombo_flight.builtin_files import SCENARIOS, VEHICLES, builtin_file, builtin_scenarios
 from tombo_flight.course_limits import check_course
 from tombo_flight.extended_model import merge_effects, read_model
-from tombo_flight.scenario_catalogue import builtin_scenarios
-from tombo_flight.vehicle_file import VehicleFile, is_builtin_vehicle, vehicle_named
+from tombo_flight.vehicle_file import VehicleFile, vehicle_named
 from tombo_sim.world import ObstacleParams, SpreadParams, World
 
 DEFAULT_SCENARIO = "paper_collision"
@@ -65,7 +63,6 @@ class Scenario:
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
-_SCENARIOS = Path(str(resources.files("tombo_flight"))) / "scenarios"
 _TOMBO_KEYS = ("propeller.conf", "propeller.law", "propeller.library")
 """Settings that choose a Tombo propeller."""
 _ALWAYS_SAID = ("conf", "law", "library")
@@ -77,15 +74,9 @@ _SECTIONS: dict[str, Any] = {
 }
 
 
-def _builtin_file(name: str) -> Any:
-    """Return the file of a built-in scenario; None: there is none of this name."""
-    source = _SCENARIOS / f"{name}.yaml"
-    return source if re.fullmatch(r"\w+", name) and source.is_file() else None
-
-
 def _text_of(name: str, folder: Path) -> tuple[str, Path | None]:
     """Return the text of a scenario, and its file; None for a built-in one, whose name wins."""
-    if (source := _builtin_file(name)) is not None:
+    if (source := builtin_file(SCENARIOS, name)) is not None:
         return source.read_text(encoding="utf-8"), None
     path = folder / name
     if not path.is_file():
@@ -106,7 +97,7 @@ def _read(
         below: the files that extend this one, directly or not.
     """
     text, path = _text_of(name, folder)
-    beside = _SCENARIOS if path is None else path.parent
+    beside = SCENARIOS if path is None else path.parent
     if path is not None and path in below:
         raise InputError(f"scenario '{name}': extends itself")
     values = parse_yaml(text, f"scenario '{name}'")
@@ -125,7 +116,7 @@ def _files_beside(values: Any, folder: Path) -> Any:
         if isinstance(path, str) and path and "\n" not in path:
             found[section] = {**values[section], key: str(folder / path)}
     vehicle = values.get("vehicle")
-    if isinstance(vehicle, str) and not is_builtin_vehicle(vehicle):
+    if isinstance(vehicle, str) and builtin_file(VEHICLES, vehicle) is None:
         found["vehicle"] = str(folder / vehicle)
     return found
 
@@ -193,7 +184,7 @@ def load_scenario(
     Raises:
         InputError: unknown scenario or key, wrong type, NaN, a value out of bounds, no model.
     """
-    if not settings and model is None and vehicle is None and _builtin_file(name):
+    if not settings and model is None and vehicle is None and builtin_file(SCENARIOS, name):
         return _builtin(name)
     values, label = scenario_values(name, model, vehicle)
     return with_settings(values, settings, label)
@@ -414,7 +405,7 @@ def laid_over(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any
 
 def disturbances() -> dict[str, Any]:
     """Return what `disturbances: true` lays over a scenario."""
-    path = resources.files("tombo_flight").joinpath("scenarios", "layers", "disturbances.yaml")
+    path = SCENARIOS / "layers" / "disturbances.yaml"
     values: dict[str, Any] = parse_yaml(path.read_text(encoding="utf-8"), "disturbances.yaml")
     return values
 

@@ -8,10 +8,8 @@ its size (`similar_vehicle`); gains that it leaves out follow from the vehicle (
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +30,7 @@ from tombo_dynamics.propeller.mounted_propeller import (
 from tombo_dynamics.rotor_maps import RotorMaps, rotor_maps
 from tombo_dynamics.vehicle import DriveParams, VehicleParams, similar_vehicle
 from tombo_dynamics.yaml_text import parse_yaml, read_text
+from tombo_flight.builtin_files import VEHICLES, builtin_file, builtin_vehicles
 from tombo_flight.yaml_file import check_keys, list_of, mapping_of, write_yaml, yaml_of
 
 FORMAT = 1
@@ -119,22 +118,6 @@ class VehicleFile:
         return self.notes.get(key, Note()).tolerance
 
 
-def builtin_vehicles() -> dict[str, str]:
-    """Return the names of the vehicles that come with the suite, and what each is."""
-    table = {}
-    for path in sorted(resources.files("tombo_flight").joinpath("vehicles").iterdir(), key=str):
-        if path.name.endswith(".yaml"):
-            values = parse_yaml(path.read_text(encoding="utf-8"), path.name)
-            table[path.name.removesuffix(".yaml")] = f"{values['name']}: {values['about']}"
-    return table
-
-
-def is_builtin_vehicle(name: str) -> bool:
-    """Return whether a vehicle of this name comes with the suite."""
-    file = resources.files("tombo_flight").joinpath("vehicles").joinpath(f"{name}.yaml")
-    return re.fullmatch(r"\w+", name) is not None and file.is_file()
-
-
 def read_vehicle(name: str) -> VehicleFile:
     """Read and check a vehicle by name (built in) or path.
 
@@ -142,8 +125,7 @@ def read_vehicle(name: str) -> VehicleFile:
         InputError: there is none, it has no vehicle, unknown keys, or values that no
             simulation takes.
     """
-    if is_builtin_vehicle(name):
-        file = resources.files("tombo_flight").joinpath("vehicles").joinpath(f"{name}.yaml")
+    if (file := builtin_file(VEHICLES, name)) is not None:
         return vehicle_from_text(file.read_text(encoding="utf-8"), f"vehicle '{name}'")
     path = Path(name)
     if path.suffix not in (".yaml", ".yml") and not path.exists():

@@ -42,7 +42,7 @@ def list_names(catalogue: _Kind, imports: Imports, shown: Shown) -> None:
 
 def _scenarios(as_json: bool) -> None:
     from tombo_bringup.cli.tables import print_names
-    from tombo_flight.scenario_catalogue import builtin_scenarios
+    from tombo_flight.builtin_files import builtin_scenarios
 
     own = "Your own file: tombo fly my_scenario.yaml, with `extends: paper_collision`."
     print_names(builtin_scenarios(), own, as_json)

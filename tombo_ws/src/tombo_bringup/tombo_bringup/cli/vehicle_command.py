@@ -29,7 +29,7 @@ app = typer.Typer(
 def list_vehicles(shown: options.Shown) -> None:
     """List the vehicles that come with the suite."""
     from tombo_bringup.cli.tables import print_names
-    from tombo_flight.vehicle_file import builtin_vehicles
+    from tombo_flight.builtin_files import builtin_vehicles
 
     own = "Your own: tombo vehicle new my_vehicle.yaml, then tombo fly hover --vehicle it."
     print_names(builtin_vehicles(), own, shown.as_json)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from tombo_flight.suite.node_log import NodeLog
+from tombo_flight.suite.supervisor import NodeLog
 
 
 def written(tmp_path, text: str) -> NodeLog:

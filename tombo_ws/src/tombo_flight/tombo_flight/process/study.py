@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from itertools import chain, islice, takewhile
+from itertools import chain, islice
 from typing import Any, NamedTuple, Protocol
 
 from tombo_bag.flight import Flight
@@ -51,7 +51,7 @@ class FlownStudy(Protocol):
         """
         ...
 
-    def figures(self, flight: Flight, scenario: Scenario, /) -> FlightRow:
+    def figures(self, flight: Flight, /) -> FlightRow:
         """Return the kept data of a flight."""
         ...
 
@@ -71,11 +71,10 @@ class _Flyer:
         try:
             if self._scenario is None or self._scenario[0] != task.point:
                 self._scenario = (task.point, self.study.scenario_at(task.point))
-            scenario = self._scenario[1]
-            flight = fly_scenario(scenario, task.seed, self._workspace)
+            flight = fly_scenario(self._scenario[1], task.seed, self._workspace)
         except InputError as error:
             return {"error": str(error)}
-        return self.study.figures(flight, scenario)
+        return self.study.figures(flight)
 
 
 _here = threading.local()
@@ -153,14 +152,11 @@ class _ManySeeds:
     """The study of one scenario, flown with many seeds."""
 
     scenario: Scenario
-    kept: Callable[[Flight], FlightRow]
+    figures: Callable[[Flight], FlightRow]
     summary_only: bool
 
     def scenario_at(self, point: None) -> Scenario:
         return self.scenario
-
-    def figures(self, flight: Flight, scenario: Scenario) -> FlightRow:
-        return self.kept(flight)
 
 
 def fly_seeds(
@@ -169,20 +165,16 @@ def fly_seeds(
     figures: Callable[[Flight], FlightRow],
     *,
     summary_only: bool = False,
-    workers: int | None = None,
     progress: Callable[[int], None] | None = None,
-    stop: Callable[[], bool] | None = None,
 ) -> dict[int, FlightRow]:
-    """Fly one scenario with many seeds; return the rows by seed, up to the first one missing.
+    """Fly one scenario with many seeds; return the rows by seed, in the order of the seeds.
 
     Args:
         scenario: what to fly.
         seeds: of the flights.
         figures: what is kept of a flight; a function of a module.
         summary_only: `figures` needs no more of a flight than its summary.
-        workers: number of processes; the cores that this process may use if None.
         progress: called with the number of flights done.
-        stop: asked ten times a second; True ends all processes.
     """
     rows: dict[int, FlightRow] = {}
 
@@ -193,5 +185,5 @@ def fly_seeds(
 
     tasks = [Task(seed, None, seed) for seed in seeds]
     study = _ManySeeds(scenario, figures, summary_only)
-    fly_tasks(study, tasks, len(tasks), keep, workers=workers, stop=stop)
-    return {seed: rows[seed] for seed in takewhile(rows.__contains__, seeds)}
+    fly_tasks(study, tasks, len(tasks), keep)
+    return {seed: rows[seed] for seed in seeds}

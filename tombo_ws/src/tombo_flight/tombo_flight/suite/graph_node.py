@@ -2,7 +2,9 @@
 
     python -m tombo_flight.suite.graph_node '["param", "list", "mission"]' [--json]
 
-Exit code 0; 1 when a node refused a value, or no message came; 2 for bad input.
+It also asks them for one thing, as an operator does: `["call", "takeoff", NAMESPACE]`.
+
+Exit code 0; 1 when a node refused a request or a value, or no message came; 2 for bad input.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_flight.suite.parameter_yaml import parameter_yaml
+from tombo_ros.operator_requests import OperatorRequests
 from tombo_ros.topic import message_class
 
 _PATIENCE_S = 20.0
@@ -146,13 +149,31 @@ def _param(node: Node, show: _Show, verb: str, name: str, key: str = "", value: 
     return 0
 
 
+def _call(node: Node, show: _Show, request: str, *, as_json: bool) -> int:
+    """Ask for takeoff, hold, land, abort or kill, wait for the answer, and print it."""
+    requests = OperatorRequests(node)
+    end_s = time.monotonic() + _PATIENCE_S
+    while not requests.offered(request) and time.monotonic() < end_s:
+        time.sleep(_LOOK_S)
+    time.sleep(_BRIDGE_S)
+    answers = requests.read(f"{request}\n")
+    while not answers:
+        answers = requests.answers()
+        time.sleep(_LOOK_S)
+    answer = answers[0]["answer"]
+    words = f"{request}{'' if answer['success'] else ' refused'}: {answer['message']}"
+    show(answer if as_json else words)
+    return 0 if answer["success"] else 1
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Look, and print."""
+    """Look or ask, and print."""
     request, *more = sys.argv[1:] if arguments is None else arguments
     group, verb, *words = json.loads(request)
+    as_json, calls = "--json" in more, group == "call"
 
     def show(value: Any) -> None:
-        if "--json" in more:
+        if as_json:
             text = json.dumps(value)
         elif isinstance(value, Mapping):
             text = yaml.safe_dump(value, sort_keys=False) + ("---" if verb == "echo" else "")
@@ -162,8 +183,11 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Python's own end the waiting
-    node = Node(_NAME, start_parameter_services=False)
+    namespace = words[0] if calls else None
+    node = Node(_NAME, namespace=namespace, start_parameter_services=False)
     try:
+        if calls:
+            return _call(node, show, verb, as_json=as_json)
         end_s = time.monotonic() + _PATIENCE_S
         while not _nodes(node) and time.monotonic() < end_s:
             time.sleep(_LOOK_S)
@@ -175,7 +199,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stderr.write(f"Error: {error}\n")
         return 2
     except (KeyboardInterrupt, ExternalShutdownException, BrokenPipeError):
-        return 0
+        return int(calls)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -173,7 +173,7 @@ class SweepStudy:
         case, settings = self._case_and_settings(point)
         return with_settings(dict(case.values), settings, case.label)
 
-    def figures(self, flight: Flight, scenario: Scenario) -> FlightRow:
+    def figures(self, flight: Flight) -> FlightRow:
         """Return the columns of a flight."""
         return row_of(flight_summary(flight))
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
-import sys
 
 import typer
 
+from tombo_bringup.cli.flight.graph_commands import become
 from tombo_bringup.cli.options import Domain, Shown, argument, command, option, record
 from tombo_dynamics.errors import InputError, unknown_name
 
@@ -40,13 +39,7 @@ def call(given: _Request, domain: Domain, shown: Shown) -> None:
 
     Beside it: `tombo topic list|echo|hz` and `tombo param list|get|set|dump`.
     """
-    from tombo_flight.suite.nodes import discovery_environment
-
     request = given.request
     if request not in REQUESTS:
         raise unknown_name("request", request, REQUESTS)
-    environment = discovery_environment(os.environ, domain.domain)
-    words = ["-m", "tombo_flight.suite.call_node", request, given.vehicle or "/"]
-    more = ["--json"] if shown.as_json else []
-    sys.stdout.flush()
-    os.execve(sys.executable, [sys.executable, *words, *more], environment)
+    become(("call", request, given.vehicle or "/"), domain, shown)

@@ -46,7 +46,7 @@ def topic(given: _Topic, domain: Domain, shown: Shown) -> None:
     if (verb == "list") != (given.topic is None):
         raise InputError(f"{verb} {given.topic or ''}: accepted: list, echo TOPIC, hz TOPIC")
     seconds = _FOREVER_S if verb == "echo" else given.seconds
-    _become(("topic", verb, given.topic, given.count, seconds), domain, shown)
+    become(("topic", verb, given.topic, given.count, seconds), domain, shown)
 
 
 @command(app, hidden=True, epilog=_EXIT_CODES)
@@ -61,10 +61,10 @@ def param(given: _Parameter, domain: Domain, shown: Shown) -> None:
             f"{verb} {' '.join(words)}: accepted: list NODE, get NODE NAME, set NODE NAME VALUE, "
             "dump NODE"
         )
-    _become(("param", verb, *words), domain, shown)
+    become(("param", verb, *words), domain, shown)
 
 
-def _become(request: Sequence[Any], domain: Domain, shown: Shown) -> NoReturn:
+def become(request: Sequence[Any], domain: Domain, shown: Shown) -> NoReturn:
     """Become the process that looks at the nodes."""
     from tombo_flight.suite.nodes import discovery_environment
 

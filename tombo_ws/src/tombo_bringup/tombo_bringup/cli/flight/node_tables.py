@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from tombo_bringup.cli.tables import print_line, print_table, show_page
 from tombo_flight.report.page import Table
 from tombo_flight.suite.node_diagnostics import lateness_text
-from tombo_flight.suite.node_log import without_stamp
+from tombo_flight.suite.supervisor import without_stamp
 
 if TYPE_CHECKING:
     from tombo_bag.flight import Flight

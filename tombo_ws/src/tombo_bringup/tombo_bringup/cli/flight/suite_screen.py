@@ -51,7 +51,7 @@ class Screen:
 
     def warning(self, node: str, line: str) -> None:
         """Print a line of a node's log."""
-        from tombo_flight.suite.node_log import without_stamp
+        from tombo_flight.suite.supervisor import without_stamp
 
         event = {"event": "warning", "node": node, "text": line}
         self._put(event, f"{node}: {without_stamp(line)}")
