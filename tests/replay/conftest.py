@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tombo_bag.recording import Recording
-from tombo_flight.replay.recorded import PoseTrack, read_poses
+from tombo_flight.replay.poses import PoseTrack, read_poses
 from tombo_flight.replay.run import Replay, ReplayRequest, replay_bag
 
 BAGS = Path(__file__).parents[2] / "tests" / "bags"

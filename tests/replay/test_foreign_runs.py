@@ -14,7 +14,7 @@ from tombo_bag.formats.mcap_sink import Columns, McapSink
 from tombo_bag.recording import Recording
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import SECOND_NS
-from tombo_flight.replay.recorded import PoseTrack
+from tombo_flight.replay.poses import PoseTrack
 from tombo_flight.replay.run import Replay, ReplayRequest, replay_bag
 
 POSE = "geometry_msgs/msg/PoseStamped"

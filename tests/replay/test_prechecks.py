@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tombo_flight.replay.prechecks import check_poses, find_up_axis
-from tombo_flight.replay.recorded import PoseTrack
+from tombo_flight.replay.poses import PoseTrack, check_poses, find_up_axis
 
 
 def part(track: PoseTrack, rows: slice | np.ndarray) -> PoseTrack:

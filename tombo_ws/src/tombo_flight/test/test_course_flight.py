@@ -16,7 +16,7 @@ from tombo_dynamics.messages import Phase
 from tombo_dynamics.yaml_text import parse_yaml
 from tombo_flight.flight import as_flown, fly_scenario
 from tombo_flight.flight_output import complete_mapping
-from tombo_flight.replay.recorded import scenario_of_bag
+from tombo_flight.replay.cores import scenario_of_bag
 from tombo_flight.scenario import extended_scenario, load_scenario, scenario_from_mapping, world_of
 from tombo_flight.yaml_file import yaml_of
 from tombo_sim.flight_setup import begin

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Flight, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
-from tombo_flight.replay.prechecks import find_up_axis
+from tombo_flight.replay.poses import find_up_axis
 from tombo_logs.checks.clocks.gaps import LONG_S, gap_spans
 from tombo_logs.checks.clocks.timestamps import arrival_stamps
 from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu

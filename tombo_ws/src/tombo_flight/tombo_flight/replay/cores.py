@@ -1,8 +1,12 @@
-"""Feeds the cores from a recording: the inputs of its node, in the order of arrival."""
+"""Feeds the cores from a recording: the inputs of its node, in the order of arrival.
+
+Parameters and the clock of the nodes are those of the recording.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from operator import itemgetter
@@ -10,17 +14,29 @@ from typing import Any
 
 import numpy as np
 
+from tombo_bag.flight_time import FLIGHT_METADATA
+from tombo_bag.formats.bag_files import TopicSummary
 from tombo_bag.message_codec import messages_of
 from tombo_bag.recording import Recording
-from tombo_bag.topics import COLLISION_EVENT, DETECTOR_STATUS, MOCAP_POSE, ODOMETRY, TOPICS
+from tombo_bag.topics import (
+    COLLISION_EVENT,
+    DETECTOR_STATUS,
+    IMU,
+    MISSION_SETPOINT,
+    MOCAP_POSE,
+    ODOMETRY,
+    SETPOINT,
+    TOPICS,
+)
 from tombo_dynamics.arrays import Times
 from tombo_dynamics.core import Core, CoreRunner
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import DetectorStatus, Pose, neutral
 from tombo_dynamics.time_base import TICK_NS
+from tombo_flight.recorded_flight import scenario_of_metadata
 from tombo_flight.replay.compared import NODES, NOTHING, Stream
-from tombo_flight.replay.recorded import PoseTrack
-from tombo_flight.scenario import Scenario
+from tombo_flight.replay.poses import PoseTrack
+from tombo_flight.scenario import Scenario, as_mapping, scenario_over
 from tombo_flight.wiring import core_of
 from tombo_sim.wiring import CORES
 
@@ -29,6 +45,69 @@ Published = list[tuple[int, str, Any]]
 _PUBLISHED_BY_CORES = {topic for core in CORES for topic in core.outputs}
 _FEWEST_STEPS, _STEPS_A_MESSAGE = 10_000, 100
 """A core is stepped some twenty times at most for each message that it gets."""
+CLOCK_TOPICS = (MISSION_SETPOINT.name, SETPOINT.name)
+"""Topics whose stamps are the nodes' now."""
+_APART_NS = 250_000_000
+"""Nearer clocks are one clock."""
+
+
+def scenario_of_bag(
+    metadata: Mapping[str, Mapping[str, str]],
+    name: str | None = None,
+    settings: Sequence[str] = (),
+) -> tuple[Scenario, list[str]]:
+    """Return the scenario to replay with, and a line on where it comes from.
+
+    Args:
+        metadata: of the recording.
+        name: a scenario, name or path, over that of the recording.
+        settings: `key=value` over both.
+
+    Raises:
+        InputError: `name` or `settings` are bad.
+    """
+    flown = metadata.get(FLIGHT_METADATA, {})
+    base, label, findings = {}, "recording", []
+    if "scenario" not in flown:
+        findings.append("no parameters in the bag: the suite's defaults are used")
+    else:
+        try:
+            _, scenario = scenario_of_metadata(flown)
+            base, label = as_mapping(scenario), scenario.name
+        except InputError as error:
+            findings.append(f"parameters in the bag can't be used ({error}): defaults instead")
+    return scenario_over(base, label, name, settings), findings
+
+
+def find_suite_clock(recording: Recording) -> tuple[Times, Times] | None:
+    """Return log times, rising, and the nodes' time at each; None if it is the recorder's.
+
+    A node's set points are stamped when they are said. Now is then the newest stamp that has
+    been recorded, of set points and of whatever else is stamped by the same clock.
+    """
+    topics = recording.topics
+    there = [name for name in (*CLOCK_TOPICS, ODOMETRY.name, IMU.name) if _count(topics, name)]
+    if not there or there[0] not in CLOCK_TOPICS:
+        return None
+    recording.load(there)
+    pairs: list[tuple[Times, Times]] = []
+    for topic in there:
+        table = recording.columns(topic)
+        if "stamp_ns" not in table or not len(table["stamp_ns"]):
+            continue
+        log, stamp = table["log_time_ns"], table["stamp_ns"]
+        reported = np.interp(log, *pairs[0]) if pairs else stamp
+        if abs(float(np.median(stamp - reported))) < _APART_NS:
+            pairs.append((log, stamp))
+    if not pairs or abs(float(np.median(pairs[0][1] - pairs[0][0]))) < _APART_NS:
+        return None
+    log, stamp = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
+    order = np.argsort(log, kind="stable")
+    return log[order], np.maximum.accumulate(stamp[order])
+
+
+def _count(topics: Mapping[str, TopicSummary], name: str) -> int:
+    return topics[name].count if name in topics else 0
 
 
 @dataclass

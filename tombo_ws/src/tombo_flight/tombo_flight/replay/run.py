@@ -23,16 +23,14 @@ from tombo_flight.replay.compared import (
     compare_streams,
     needed_inputs,
 )
-from tombo_flight.replay.cores import Inputs, through_core
-from tombo_flight.replay.prechecks import check_poses
-from tombo_flight.replay.recorded import (
+from tombo_flight.replay.cores import (
     CLOCK_TOPICS,
-    PoseTrack,
-    find_pose_topic,
+    Inputs,
     find_suite_clock,
-    read_poses,
     scenario_of_bag,
+    through_core,
 )
+from tombo_flight.replay.poses import PoseTrack, check_poses, find_pose_topic, read_poses
 from tombo_flight.report.page import Page, Section, Table, Text
 
 _STATISTIC_ERROR = 1e-9
