@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-import types
 from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+
+from tombo_benchmarks.diagnosis import runner
 
 GOOD = {
     "top1_large": 0.98, "top1_medium": 0.9, "top1_small": 0.7, "right_if_named": 0.99,
@@ -30,15 +30,13 @@ class Scored:
 def blind(monkeypatch):
     """The benchmark, without its hour of work."""
     asked: list[Any] = []
-    module = types.ModuleType("tombo_benchmarks.diagnosis.flight_evaluation")
 
-    def benchmark(cases, seed, workers, progress, stop, kept):
+    def run(examine, aggregate, cases, seed, workers, progress, stop, kept):
         asked.append((cases, seed, workers))
         progress("1 of 1 cases", 1.0)
         return Scored()
 
-    module.benchmark = benchmark  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "tombo_benchmarks.diagnosis.flight_evaluation", module)
+    monkeypatch.setattr(runner, "run_benchmark", run)
     return asked
 
 

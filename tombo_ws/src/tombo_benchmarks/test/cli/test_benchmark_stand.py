@@ -9,8 +9,10 @@ import pytest
 
 from tombo_benchmarks.cli.benchmark_run import DrawnCases
 from tombo_benchmarks.diagnosis.cases import SIZES
+from tombo_benchmarks.diagnosis.runner import run_benchmark
+from tombo_benchmarks.diagnosis.score import score_of_stands
 from tombo_benchmarks.diagnosis.stand_cases import make_case
-from tombo_benchmarks.diagnosis.stand_evaluation import benchmark
+from tombo_benchmarks.diagnosis.stand_evaluation import examine
 from tombo_benchmarks.diagnosis.unmodelled_effects import UNMODELLED_EFFECTS
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.stand.analyse import analyse
@@ -50,7 +52,7 @@ def test_blind_cases_hide_what_they_say():
 
 @pytest.mark.slow
 def test_a_small_benchmark_scores_and_stays_honest():
-    result = benchmark(24, 3, 1, lambda stage, share: None)
+    result = run_benchmark(examine, score_of_stands, 24, 3, 1, lambda stage, share: None)
     assert len(result.cases) == 24
     assert all(r["verdict"] in VERDICTS for r in result.cases)
     aggregate = result.aggregate

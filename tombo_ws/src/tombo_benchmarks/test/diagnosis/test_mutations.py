@@ -6,7 +6,7 @@ import pytest
 
 from tombo_bag.flight import Flight
 from tombo_benchmarks.diagnosis import mutations
-from tombo_benchmarks.diagnosis.mutations import MUTATIONS, SEED, Reference, ask_all
+from tombo_benchmarks.diagnosis.mutations import MUTATIONS, SEED, ask_all
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
 from tombo_logs.readers.log_reader import read_logs
@@ -34,9 +34,9 @@ def test_the_ways_are_those_that_have_something_to_compare_with(monkeypatch):
     """Without a vehicle file, --vehicle is no way to ask."""
     asked = []
     log = Flight.measured("new", "", {})
-    for way in mutations.WAYS:
-        monkeypatch.setitem(mutations.WAYS, way, lambda *_, way=way: asked.append(way))
+    monkeypatch.setattr(mutations, "diagnosed", lambda *_: asked.append("plain"))
+    monkeypatch.setattr(mutations, "against_healthy", lambda *_: asked.append("healthy"))
     monkeypatch.setattr(mutations, "MUTATIONS", ())
     monkeypatch.setattr(mutations, "_answers_about", lambda *_: set())
-    ask_all(log, Reference(None, [log]))
+    ask_all(log, None, [log])
     assert asked == ["plain", "healthy"]

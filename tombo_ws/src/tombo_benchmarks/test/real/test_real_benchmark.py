@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from tombo_benchmarks.diagnosis.runner import BenchmarkResult
 from tombo_benchmarks.real.real_benchmark import aggregate, examine, outcome_of
 from tombo_benchmarks.real.real_page import real_page
 from tombo_benchmarks.real.trials import NOTHING, ROOT, Trial, trials
@@ -58,7 +59,9 @@ def test_stated_against_right_leaves_out_what_states_no_cause():
         (0.8, 0.490, 0.943), abs=1e-3
     )
     assert found["healthy"]["wrong"] == 1 and found["outcomes"]["refused"] == 1
-    assert json.loads(page_json(real_page(rows, found)))["aggregate"]["cases"] == len(rows)
+    assert json.loads(page_json(real_page(BenchmarkResult(rows, found))))["aggregate"][
+        "cases"
+    ] == len(rows)
 
 
 def test_a_folder_without_flights_is_refused(tmp_path, capsys):

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
@@ -24,6 +24,9 @@ from tombo_bringup.cli.options import (
     record,
 )
 from tombo_dynamics.errors import InputError
+
+if TYPE_CHECKING:
+    from tombo_benchmarks.diagnosis.runner import BenchmarkResult
 
 app = typer.Typer()
 
@@ -43,9 +46,11 @@ def diagnosis(drawn: DrawnCases) -> None:
     and rotor speeds. Some hide pairs, some an effect that is not a candidate, some nothing.
     """
     from tombo_benchmarks.cli.scores import FLIGHTS, score_table
-    from tombo_benchmarks.diagnosis.flight_evaluation import benchmark
+    from tombo_benchmarks.diagnosis.flight_evaluation import examine
+    from tombo_benchmarks.diagnosis.score import score_of_flights
 
-    drawn.score_drawn("diagnosis", benchmark, 100, partial(score_table, FLIGHTS))
+    show = partial(score_table, FLIGHTS)
+    drawn.score("diagnosis", examine, score_of_flights, drawn.count(100), show, seed=drawn.seed)
 
 
 def stand(drawn: DrawnCases) -> None:
@@ -56,9 +61,11 @@ def stand(drawn: DrawnCases) -> None:
     Four kinds of stand, from thrust alone to check loads and a second tachometer.
     """
     from tombo_benchmarks.cli.scores import STANDS, score_table
-    from tombo_benchmarks.diagnosis.stand_evaluation import benchmark
+    from tombo_benchmarks.diagnosis.score import score_of_stands
+    from tombo_benchmarks.diagnosis.stand_evaluation import examine
 
-    drawn.score_drawn("stand", benchmark, 200, partial(score_table, STANDS))
+    show = partial(score_table, STANDS)
+    drawn.score("stand", examine, score_of_stands, drawn.count(200), show, seed=drawn.seed)
 
 
 @record
@@ -72,11 +79,16 @@ def foreign(given: _Foreign, scored: Scored) -> None:
     `other_environments/rotorpy_flights.py FOLDER` of this package flies them, with the Python of
     an environment that has rotorpy 3.0.0. Counted: right, in a set, wrong, withheld.
     """
-    from tombo_benchmarks.diagnosis.foreign_flights import benchmark, cases_in, score_table
+    from tombo_benchmarks.diagnosis.foreign_flights import (
+        aggregate,
+        cases_in,
+        examine,
+        score_table,
+    )
 
     cases = cases_in(given.folder)
     name = f"foreign {given.folder.resolve()}"
-    scored.score(name, partial(benchmark, cases), len(cases), 0, score_table)
+    scored.score(name, partial(examine, cases), aggregate, len(cases), score_table)
 
 
 @record
@@ -99,22 +111,22 @@ def faults(drawn: DrawnCases, in_flight: _InFlight) -> None:
     killed and started again, or stopped for 20 s: a quarter of an hour for S = 60.
     """
     from tombo_benchmarks.cli.scores import fault_lines
-    from tombo_benchmarks.faults.fault_benchmark import check_faults
+    from tombo_benchmarks.faults.fault_benchmark import aggregate, enumerated, examine
     from tombo_benchmarks.faults.fault_flights import fly_faults
 
-    nodes = in_flight.nodes
+    nodes, fixed = in_flight.nodes, len(enumerated())
 
-    def run(
-        cases: int, seed: int, workers: int, progress: Callable[..., Any],
-        stop: Callable[[], bool], kept: Any,
-    ) -> Any:  # fmt: skip
-        found = check_faults(cases, seed, workers, progress, stop, kept)
-        if nodes is None or stop():
-            return found
-        flown = fly_faults(nodes, seed, progress, stop)
-        return replace(found, aggregate={**found.aggregate, "nodes": flown})
+    def finish(found: BenchmarkResult, progress: Any, stop: Callable[[], bool]) -> BenchmarkResult:
+        violated = [row for row in found.cases if row["violations"]]
+        score = dict(found.aggregate)
+        if nodes is not None:
+            score["nodes"] = fly_faults(nodes, drawn.seed or 0, progress, stop)
+        return replace(found, cases=violated, aggregate=score)
 
-    drawn.score_drawn("faults", run, 1000, lambda found, cases: fault_lines(found))
+    drawn.score(
+        "faults", partial(examine, fixed), partial(aggregate, fixed), fixed + drawn.count(1000),
+        fault_lines, seed=drawn.seed, finish=finish,
+    )  # fmt: skip
 
 
 @record
@@ -134,7 +146,7 @@ def mutations(given: _Mutations, known: VehicleName, reading: LogMapping, shown:
     --vehicle and --healthy in these ways as well.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from tombo_benchmarks.diagnosis.mutations import Reference, ask_all, mutation_page
+    from tombo_benchmarks.diagnosis.mutations import ask_all, mutation_page
     from tombo_bringup.cli.progress import progress_bar
     from tombo_bringup.cli.tables import show_page
     from tombo_flight.vehicle_file import read_vehicle
@@ -143,7 +155,7 @@ def mutations(given: _Mutations, known: VehicleName, reading: LogMapping, shown:
     with progress_bar() as on_progress:
         flight, *others = read_logs([given.log, *(given.healthy or [])], mapping=reading.mapping)
         file = None if known.vehicle is None else read_vehicle(known.vehicle)
-        answers = ask_all(flight, Reference(file, others), on_progress)
+        answers = ask_all(flight, file, others, on_progress)
     show_page(mutation_page(flight.name, answers), shown.as_json)
 
 
@@ -196,24 +208,23 @@ def real(given: _Real, scored: Scored) -> None:
         raise InputError(
             f"-o '{output}': the page has that name; accepted: another ending, of JSON"
         )
-    from tombo_benchmarks.real.real_benchmark import benchmark
+    from tombo_benchmarks.real.real_benchmark import aggregate, examine
     from tombo_benchmarks.real.real_page import real_page
     from tombo_benchmarks.real.trials import ROOT, trials
     from tombo_flight.report.page import write_page
 
     folder = ROOT.parent / "shared" / "data" if given.data is None else given.data
     asked = trials(folder, most)
-    rows: list[dict[str, Any]] = []
 
-    def run(cases: int, *options: Any) -> Any:
-        result = benchmark(asked, folder, cases, *options)
-        rows.extend(result.cases)
-        if output is not None and len(rows) == cases:  # before printing, which may be cut
-            write_page(output.with_suffix(".html"), real_page(rows, result.aggregate))
-        return result
+    def finish(found: BenchmarkResult, *_: object) -> BenchmarkResult:
+        if output is not None:
+            write_page(output.with_suffix(".html"), real_page(found))
+        return found
 
     name = "real" if most is None else f"real --few {most}"
-    scored.score(name, run, len(asked), 0, lambda found, cases: real_page(rows, found))
+    scored.score(
+        name, partial(examine, asked, folder), aggregate, len(asked), real_page, finish=finish
+    )
 
 
 @record
@@ -248,9 +259,10 @@ def why(by: _Rotorpy, drawn: DrawnCases) -> None:
     Times and sizes are drawn; sensors and channels of the logs differ.
     """
     from tombo_benchmarks.cli.scores import crash_table
-    from tombo_benchmarks.why.crash_benchmark import benchmark
+    from tombo_benchmarks.why.crash_benchmark import aggregate, examine
 
-    drawn.score_drawn("why", partial(benchmark, by.python()), 200, crash_table)
+    fly = partial(examine, by.python())
+    drawn.score("why", fly, aggregate, drawn.count(200), crash_table, seed=drawn.seed)
 
 
 BENCHMARKS: Final = (diagnosis, stand, foreign, faults, mutations, nodes, real, why)

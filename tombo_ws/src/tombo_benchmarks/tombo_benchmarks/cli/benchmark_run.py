@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
 from tombo_bringup.cli.options import Draw, Shown, Workers, option, record
 from tombo_flight.report.page import Page, Table
+
+if TYPE_CHECKING:
+    from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row
 
 EXIT_CODES: Final = (
     "Exit code: 0 whatever the score; 2 for bad input or output that can't be written; 130 after "
@@ -40,10 +43,13 @@ class Scored(Workers, Shown):
     def score(
         self,
         name: str,
-        run: Callable[..., Any],
+        examine: Callable[[int, int], Row],
+        aggregate: Callable[[Sequence[Row]], dict[str, Any]],
         cases: int,
-        seed: int,
-        show: Callable[[Mapping[str, Any], int], Table | Page | list[str]],
+        show: Callable[[BenchmarkResult], Table | Page | list[str]],
+        *,
+        seed: int | None = None,
+        finish: Callable[..., BenchmarkResult] | None = None,
     ) -> None:
         """Run a benchmark with a progress bar; write its JSON, print its score.
 
@@ -51,23 +57,26 @@ class Scored(Workers, Shown):
 
         Args:
             name: of the benchmark.
-            run: (cases, seed, workers, progress, stop, kept) to a BenchmarkResult.
+            examine: as of `run_benchmark`, as the next two.
+            aggregate: the score of all.
             cases: how many.
-            seed: of all random draws.
-            show: (aggregate, number of cases) to a table, a page or lines.
+            show: the result as a table, a page or lines.
+            seed: of all random draws; None: 0.
+            finish: (result, progress, stop) to the result that counts.
 
         Raises:
             typer.Exit: stopped by a signal; with an output, `OUTPUT.part` keeps the scores so far.
             OSError: the output can't be written any more.
         """
         from tombo_benchmarks.cli.journal import Journal
+        from tombo_benchmarks.diagnosis.runner import run_benchmark
         from tombo_bringup.cli.progress import progress_bar
         from tombo_flight.json_text import as_json as to_json
         from tombo_flight.process.output_folder import write_whole
         from tombo_flight.process.stop_signals import StopSignals
         from tombo_flight.process.workers import process_count
 
-        workers = process_count(self.workers)
+        workers, seed = process_count(self.workers), seed or 0
         part = None if self.output is None else self.output.with_name(f"{self.output.name}.part")
         kept = None if part is None else Journal(part, f"{name} --seed {seed}")
         with StopSignals() as stop, progress_bar() as bar:
@@ -77,7 +86,11 @@ class Scored(Workers, Shown):
                 if part is not None and not sys.stderr.isatty():
                     typer.echo(stage, err=True)  # a run of hours in the background
 
-            result = run(cases, seed, workers, on_progress, stop.asked, kept)
+            result = run_benchmark(
+                examine, aggregate, cases, seed, workers, on_progress, stop.asked, kept
+            )
+            if finish is not None and not stop.asked():
+                result = finish(result, on_progress, stop.asked)
         if stop.asked():
             goes_on = f"; the same command goes on with '{part}'" if kept else ""
             typer.echo(f"Error: interrupted{goes_on}", err=True)
@@ -89,7 +102,7 @@ class Scored(Workers, Shown):
         if self.as_json:
             typer.echo(text, nl=False)
         else:
-            _print(show(result.aggregate, len(result.cases)))
+            _print(show(result))
 
 
 @record
@@ -102,16 +115,9 @@ class DrawnCases(Scored, Draw):
         bounds=(1, _MOST_CASES),
     )
 
-    def score_drawn(
-        self,
-        name: str,
-        run: Callable[..., Any],
-        usual: int,
-        show: Callable[[Mapping[str, Any], int], Table | Page | list[str]],
-    ) -> None:
-        """Do the same as `score`, with `usual` cases where no number is given."""
-        cases = usual if self.cases is None else self.cases
-        self.score(name, run, cases, self.seed or 0, show)
+    def count(self, usual: int) -> int:
+        """Return the number of cases, `usual` where none is given."""
+        return usual if self.cases is None else self.cases
 
 
 def _print(shown: Table | Page | list[str]) -> None:

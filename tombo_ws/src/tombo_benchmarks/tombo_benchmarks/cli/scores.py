@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from tombo_benchmarks.diagnosis.runner import BenchmarkResult
 from tombo_flight.report.page import Cell, Table
 
 
@@ -73,8 +74,9 @@ STANDS: Final = (
 )
 
 
-def score_table(figures: Sequence[Figure], found: Mapping[str, Any], cases: int) -> Table:
+def score_table(figures: Sequence[Figure], result: BenchmarkResult) -> Table:
     """Return figures of all cases and of each part that is scored on its own, as columns."""
+    found = result.aggregate
     parts = {"all": found} | {
         name.replace("_", " "): part
         for name, part in found.items()
@@ -92,10 +94,10 @@ def score_table(figures: Sequence[Figure], found: Mapping[str, Any], cases: int)
             for value in values
         ]
         rows.append((figure.label, figure.wanted(), *cells))
-    return Table(("", "asked for", *parts), rows, title=f"{cases} blind cases")
+    return Table(("", "asked for", *parts), rows, title=f"{len(result.cases)} blind cases")
 
 
-def crash_table(found: Mapping[str, Any], cases: int) -> Table:
+def crash_table(result: BenchmarkResult) -> Table:
     """Return the score of all crashes and of each kind."""
     rows = [
         (
@@ -104,15 +106,16 @@ def crash_table(found: Mapping[str, Any], cases: int) -> Table:
             *(f"{100 * part[key]:.0f} %" for key in ("right", "in_time")),
             *(str(part[key]) for key in ("wrong", "abstained")),
         )
-        for kind, part in [("all", found), *found["kinds"].items()]
+        for kind, part in [("all", result.aggregate), *result.aggregate["kinds"].items()]
         if part["cases"]
     ]
     head = ("", "cases", "right", "within 0.1 s", "wrong", "abstained")
-    return Table(head, rows, title=f"{cases} simulated crashes")
+    return Table(head, rows, title=f"{len(result.cases)} simulated crashes")
 
 
-def fault_lines(found: Mapping[str, Any]) -> list[str]:
+def fault_lines(result: BenchmarkResult) -> list[str]:
     """Return the lines about sequences of faults, and about nodes that fail in flight."""
+    found = result.aggregate
     lines = [
         f"{found['enumerated']} single faults and pairs in every phase, "
         f"{found['random']} random sequences: {found['violations']} with a violation",

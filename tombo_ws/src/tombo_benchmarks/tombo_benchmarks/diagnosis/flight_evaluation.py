@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,8 +15,6 @@ from tombo_benchmarks.diagnosis.evaluation import (
 )
 from tombo_benchmarks.diagnosis.flight_cases import NOMINAL_MODEL, FlightCase, make_case
 from tombo_benchmarks.diagnosis.flight_simulation import fly_case
-from tombo_benchmarks.diagnosis.runner import run_benchmark
-from tombo_benchmarks.diagnosis.score import score_of_flights
 from tombo_diagnosis.flight.analyse import FlightAnalysis
 from tombo_diagnosis.flight.causes import estimate_cause
 from tombo_diagnosis.flight.diagnose import diagnose_unchecked
@@ -63,7 +60,3 @@ def _compared(case: FlightCase, findings: FlightAnalysis, effect: str) -> dict[s
     return compare_parameters(
         case, findings.problem, cause, lambda p, nominal: float(made.get(p.name, nominal))
     )
-
-
-benchmark = partial(run_benchmark, examine, score_of_flights)
-"""Many blind flights, diagnosed and scored."""

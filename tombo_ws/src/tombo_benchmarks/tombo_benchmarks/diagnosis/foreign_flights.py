@@ -7,14 +7,13 @@ vehicle.yaml, and truth.json: {"condition": a name, "truth": {"effect.parameter"
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row, run_benchmark
+from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row
 from tombo_benchmarks.diagnosis.ways import diagnosed
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
@@ -107,18 +106,13 @@ def _score(rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def benchmark(cases: Sequence[Path], *options: Any) -> BenchmarkResult:
-    """Diagnose the flights of each case; options of `run_benchmark`."""
-    return run_benchmark(partial(examine, cases), aggregate, *options)
-
-
-def score_table(found: Mapping[str, Any], cases: int) -> Table:
+def score_table(result: BenchmarkResult) -> Table:
     """Return the score of all flights and of each condition as a table."""
     rows = []
-    for name, part in [("all", found), *found["conditions"].items()]:
+    for name, part in [("all", result.aggregate), *result.aggregate["conditions"].items()]:
         shares = [part[key] for key in ("stated", "coverage_95")]
         counts = (part[key] for key in ("cases", "right", "in a set", "wrong", "withheld"))
         told = ("–" if share is None else f"{100.0 * share:.0f} %" for share in shares)
         rows.append((name, *map(str, counts), *told))
     head = ("hidden", "cases", "right", "in a set", "wrong", "withheld", "stated", "covered")
-    return Table(head, rows, title=f"{cases} cases of another simulator")
+    return Table(head, rows, title=f"{len(result.cases)} cases of another simulator")

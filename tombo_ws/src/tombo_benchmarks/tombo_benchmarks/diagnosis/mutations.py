@@ -7,26 +7,14 @@ healthy flights.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tombo_bag.flight import Finding, Flight, Series
-from tombo_benchmarks.diagnosis.log_faults import (
-    IMU,
-    MIXED,
-    POSE,
-    ROTORS,
-    SCALED,
-    LogFault,
-    columns,
-    frozen,
-    log_fault,
-    of_stamps,
-    of_values,
-)
+from tombo_bag.flight import Finding, Flight, RefusedLog, Series
 from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
@@ -38,95 +26,149 @@ from tombo_flight.report.page import Cell, Page, Section, Table
 from tombo_flight.vehicle_file import VehicleFile
 
 SEED = 20261128
+POSE, IMU = ("position", "attitude"), ("gyro", "accel")
+ROTORS = ("rotor_speed", "rotor_command", "motor_command")
+_COMPARED = ("position", "gyro")
+"""Stamps and frames of poses and IMU: a difference can be a fault of either."""
 _LIGHTER = "mass_error thrust_coefficient_error"
 _ONE_ROTOR = "weak_propeller added_weight cog_offset thrust_scatter"
 
-
-def _dropped(series: Series, share: float, rng: np.random.Generator) -> Series:
-    kept = rng.random(series.t.size) > share
-    return Series(series.t[kept], series.values[kept])
+Change = Callable[[Series, np.random.Generator], Series]
+"""A series, and a generator that starts the same for each channel, to the damaged series."""
 
 
-def _yawed(q: Array, degrees: float) -> Array:
+@dataclass(frozen=True)
+class Mutation:
+    """One kind of damage."""
+
+    name: str
+    channels: tuple[str, ...]
+    """Channels that it changes."""
+    change: Change
+    checks: str
+    """Checks whose finding names it, with spaces between them."""
+    effects: str = ""
+    """Effects of the registry that describe it: to name one of them is right, too."""
+
+    def applied(self, log: Flight, seed: Sequence[int]) -> Flight:
+        """Return the log with this damage."""
+        changed = {
+            name: self.change(log.series[name], np.random.default_rng(seed))
+            for name in self.channels
+            if name in log.series
+        }
+        return log.with_series({**log.series, **changed})
+
+    def named_by(self, findings: Sequence[Finding]) -> bool:
+        """Return whether one of these findings names the damage, with its channel."""
+        return any(
+            f.severity != "info" and f.check in self.checks.split() and self.concerns(f.channel)
+            for f in findings
+        )
+
+    def named_by_error(self, error: InputError) -> bool:
+        """Return whether checks refuse the flight by a channel that it concerns."""
+        return isinstance(error, RefusedLog) and self.concerns(error.finding.channel)
+
+    def concerns(self, channel: str) -> bool:
+        """Return whether the channel is changed, or compared with one that is."""
+        return any(
+            channel in kin
+            for kin in (POSE, IMU, ROTORS, _COMPARED)
+            if set(kin) & set(self.channels)
+        )
+
+
+def _of_values(change: Callable[[Array], Array]) -> Change:
+    return lambda series, rng: replace(series, values=change(series.values))
+
+
+def _scaled(factor: Any) -> Change:
+    return _of_values(lambda values: values * factor)
+
+
+def _plus(offset: Sequence[float]) -> Change:
+    return _of_values(lambda values: values + np.array(offset))
+
+
+def _mixed(order: Sequence[int], signs: Sequence[float] = (1,)) -> Change:
+    """Change the order of the columns, and their signs."""
+    return _of_values(lambda values: values[:, list(order)] * np.array(signs))
+
+
+def _yawed(degrees: float) -> Change:
     turn = Rotation.from_euler("z", degrees, degrees=True)
-    return np.asarray((Rotation.from_quat(q) * turn).as_quat())
+    return _of_values(lambda q: np.asarray((Rotation.from_quat(q) * turn).as_quat()))
 
 
-_PLUS = of_values(lambda values, offset: values + offset)
-_LATE = of_stamps(lambda t, seconds: t + seconds)
+def _late(seconds: float) -> Change:
+    return lambda series, rng: replace(series, t=series.t + seconds, arrival=None)
 
-MUTATIONS: tuple[LogFault, ...] = (
-    log_fault(
-        "position: x and y swapped", POSE[:1], columns([1, 0, 2], [1]), MIXED, "frame refused"
-    ),
-    log_fault(
-        "position: y reversed", POSE[:1], columns([0, 1, 2], [1, -1, 1]), MIXED,
-        "frame refused",
-    ),
-    log_fault(
-        "position: x scaled by 1.3", POSE[:1], np.array([1.3, 1.0, 1.0]), SCALED, "scale unit"
-    ),
-    log_fault("position: m as mm", POSE[:1], 1000.0, SCALED, "unit refused"),
-    log_fault(
-        "attitude: body yawed by 20 deg", POSE[1:], 20.0, of_values(_yawed), "frame",
+
+def _frozen(seconds: float) -> Change:
+    def change(series: Series, rng: np.random.Generator) -> Series:
+        begin = float(rng.uniform(6.0, 12.0))
+        rows = np.arange(series.t.size)
+        held = (series.t > begin) & (series.t < begin + seconds)
+        rows[held] = np.argmax(held)
+        return replace(series, values=series.values[rows])
+
+    return change
+
+
+def _dropped(share: float) -> Change:
+    def change(series: Series, rng: np.random.Generator) -> Series:
+        kept = rng.random(series.t.size) > share
+        return Series(series.t[kept], series.values[kept])
+
+    return change
+
+
+MUTATIONS: tuple[Mutation, ...] = (
+    Mutation("position: x and y swapped", POSE[:1], _mixed([1, 0, 2]), "frame refused"),
+    Mutation("position: y reversed", POSE[:1], _mixed([0, 1, 2], [1, -1, 1]), "frame refused"),
+    Mutation("position: x scaled by 1.3", POSE[:1], _scaled([1.3, 1.0, 1.0]), "scale unit"),
+    Mutation("position: m as mm", POSE[:1], _scaled(1000.0), "unit refused"),
+    Mutation(
+        "attitude: body yawed by 20 deg", POSE[1:], _yawed(20.0), "frame",
         "mocap_body_misalignment imu_misalignment",
     ),
-    log_fault("gyro: x and y swapped", IMU[:1], columns([1, 0, 2], [1]), MIXED, "frame"),
-    log_fault(
-        "gyro: y reversed", IMU[:1], columns([0, 1, 2], [1, -1, 1]), MIXED, "frame"
+    Mutation("gyro: x and y swapped", IMU[:1], _mixed([1, 0, 2]), "frame"),
+    Mutation("gyro: y reversed", IMU[:1], _mixed([0, 1, 2], [1, -1, 1]), "frame"),
+    Mutation("gyro: x scaled by 1.5", IMU[:1], _scaled([1.5, 1.0, 1.0]), "scale unit"),
+    Mutation(
+        "gyro: y with an offset of 0.3 rad/s", IMU[:1], _plus([0.0, 0.3, 0.0]), "offset",
+        "imu_bias",
     ),
-    log_fault(
-        "gyro: x scaled by 1.5", IMU[:1], np.array([1.5, 1.0, 1.0]), SCALED, "scale unit"
+    Mutation("gyro: rad/s as deg/s", IMU[:1], _scaled(np.degrees(1.0)), "unit"),
+    Mutation("accel: x and z swapped", IMU[1:], _mixed([2, 1, 0]), "frame"),
+    Mutation("accel: x reversed", IMU[1:], _mixed([0, 1, 2], [-1, 1, 1]), "frame"),
+    Mutation(
+        "accel: z scaled by 1.15", IMU[1:], _scaled([1.0, 1.0, 1.15]), "scale unit offset",
+        "accel_scale imu_bias",
     ),
-    log_fault(
-        "gyro: y with an offset of 0.3 rad/s", IMU[:1], np.array([0.0, 0.3, 0.0]), _PLUS,
-        "offset", "imu_bias",
+    Mutation(
+        "accel: x with an offset of 1 m/s^2", IMU[1:], _plus([1.0, 0.0, 0.0]), "offset",
+        "imu_bias imu_misalignment mocap_body_misalignment",
     ),
-    log_fault("gyro: rad/s as deg/s", IMU[:1], np.degrees(1.0), SCALED, "unit"),
-    log_fault(
-        "accel: x and z swapped", IMU[1:], columns([2, 1, 0], [1]), MIXED, "frame"
+    Mutation("accel: m/s^2 as g", IMU[1:], _scaled(GRAVITY), "unit"),
+    Mutation("motors: two swapped", ROTORS, _mixed([1, 0, 2, 3]), "rpm"),
+    Mutation(
+        "motors: one command scaled by 0.8", ROTORS, _scaled([1.0, 0.8, 1.0, 1.0]), "rpm scale",
+        _ONE_ROTOR,
     ),
-    log_fault(
-        "accel: x reversed", IMU[1:], columns([0, 1, 2], [-1, 1, 1]), MIXED, "frame"
+    Mutation("motors: all commands scaled by 0.8", ROTORS, _scaled(0.8), "scale", _LIGHTER),
+    Mutation("motors: late by 0.15 s", ROTORS, _late(0.15), "stamps", "command_delay"),
+    Mutation(
+        "IMU: late by 60 ms", IMU, _late(0.06), "stamps", "mocap_stamp_error mocap_latency"
     ),
-    log_fault(
-        "accel: z scaled by 1.15", IMU[1:], np.array([1.0, 1.0, 1.15]), SCALED,
-        "scale unit offset", "accel_scale imu_bias",
-    ),
-    log_fault(
-        "accel: x with an offset of 1 m/s^2", IMU[1:], np.array([1.0, 0.0, 0.0]), _PLUS,
-        "offset", "imu_bias imu_misalignment mocap_body_misalignment",
-    ),
-    log_fault("accel: m/s^2 as g", IMU[1:], GRAVITY, SCALED, "unit"),
-    log_fault(
-        "motors: two swapped", ROTORS, columns([1, 0, 2, 3], [1]), MIXED, "rpm"
-    ),
-    log_fault(
-        "motors: one command scaled by 0.8", ROTORS, np.array([1.0, 0.8, 1.0, 1.0]), SCALED,
-        "rpm scale", _ONE_ROTOR,
-    ),
-    log_fault("motors: all commands scaled by 0.8", ROTORS, 0.8, SCALED, "scale", _LIGHTER),
-    log_fault("motors: late by 0.15 s", ROTORS, 0.15, _LATE, "stamps", "command_delay"),
-    log_fault(
-        "IMU: late by 60 ms", IMU, 0.06, _LATE, "stamps", "mocap_stamp_error mocap_latency"
-    ),
-    log_fault("poses: frozen for 1 s", POSE, 1.0, frozen, "frozen"),
-    log_fault(
-        "poses: a fifth of the samples dropped", POSE, 0.2, _dropped, "gap", "mocap_dropouts"
+    Mutation("poses: frozen for 1 s", POSE, _frozen(1.0), "frozen"),
+    Mutation(
+        "poses: a fifth of the samples dropped", POSE, _dropped(0.2), "gap", "mocap_dropouts"
     ),
 )  # fmt: skip
 """One log can't show that all commands are scaled: no other channel in it says
 which thrust a command gives."""
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The vehicle and the flights that a flight is compared with."""
-
-    vehicle: VehicleFile | None
-    """Of other healthy flights of the vehicle; None: not asked with it."""
-    healthy: Sequence[Flight]
-    """As read; none: the way `healthy` is left out."""
 
 
 @dataclass(frozen=True)
@@ -140,11 +182,15 @@ class Answer:
     """The finding or the cause that names it; else the verdict."""
 
 
-Way = Callable[[Flight, Reference], Diagnosis]
+Way = Callable[[Flight], Diagnosis]
+"""How `tombo diagnose` is asked."""
 
 
 def ask_all(
-    log: Flight, reference: Reference, progress: ProgressCallback = no_progress
+    log: Flight,
+    vehicle: VehicleFile | None,
+    healthy: Sequence[Flight],
+    progress: ProgressCallback = no_progress,
 ) -> list[Answer]:
     """Return the answers about a log (as read) with each mutation, in each way that can be asked.
 
@@ -152,37 +198,41 @@ def ask_all(
 
     Args:
         log: a sound one.
-        reference: vehicle and flights to compare with.
+        vehicle: of other healthy flights of the vehicle; None: not asked with it.
+        healthy: flights to compare with, as read; none: not asked with them.
         progress: called with the mutation and the share done.
     """
-    ways = [way for way in WAYS if reference.vehicle is not None or way != "vehicle"]
-    ways = [way for way in ways if reference.healthy or way != "healthy"]
+    ways: dict[str, Way] = {"plain": lambda log: diagnosed([log], nominal_model())}
+    if vehicle is not None:
+        nominal = nominal_model(vehicle=vehicle)
+        ways["vehicle"] = lambda log: diagnosed(held_against([log], vehicle), nominal)
+    if healthy:
+        ways["healthy"] = lambda log: against_healthy([log], healthy)
     answers = []
-    for i, way in enumerate(ways):
-        sound = _answers_about(WAYS[way](log, reference), log.name)
+    for i, (name, way) in enumerate(ways.items()):
+        sound = _answers_about(way(log), log.name)
         for k, mutation in enumerate(MUTATIONS):
-            progress(f"{way}: {mutation.name}", (i + k / len(MUTATIONS)) / len(ways))
-            damaged = mutation.applied(log, (SEED, k))
-            answers.append(_answer(mutation, way, damaged, reference, sound))
+            progress(f"{name}: {mutation.name}", (i + k / len(MUTATIONS)) / len(ways))
+            named, text = _answer(mutation, way, mutation.applied(log, (SEED, k)), sound)
+            answers.append(Answer(mutation.name, name, named, text))
     return answers
 
 
-def _answer(
-    mutation: LogFault, way: str, log: Flight, reference: Reference, sound: set[str]
-) -> Answer:
+def _answer(mutation: Mutation, way: Way, log: Flight, sound: set[str]) -> tuple[bool, str]:
+    """Return whether the mutation is named, and the words of that."""
     try:
-        diagnosis = WAYS[way](log, reference)
+        diagnosis = way(log)
     except InputError as error:
-        return Answer(mutation.name, way, mutation.named_by_error(error), str(error))
+        return mutation.named_by_error(error), str(error)
     findings = [
         f
         for f in diagnosis.prechecks
         if f.flight == log.name and _place(f) not in sound and mutation.named_by([f])
     ]
     new = [name for name in _effects(diagnosis) if name not in sound]
-    causes = [name for name in new if name.split(".")[0] in mutation.effects]
+    causes = [name for name in new if name.split(".")[0] in mutation.effects.split()]
     text = findings[0].message if findings else f"{diagnosis.verdict}: {', '.join(new)}"
-    return Answer(mutation.name, way, bool(findings or causes), text)
+    return bool(findings or causes), text
 
 
 def _answers_about(diagnosis: Diagnosis, flight: str) -> set[str]:
@@ -200,24 +250,6 @@ def _effects(diagnosis: Diagnosis) -> list[str]:
 
 def _place(finding: Finding) -> str:
     return f"{finding.check} {finding.channel}"
-
-
-def _plain(log: Flight, reference: Reference) -> Diagnosis:
-    return diagnosed([log], nominal_model())
-
-
-def _with_vehicle(log: Flight, reference: Reference) -> Diagnosis:
-    assert reference.vehicle is not None
-    file = reference.vehicle
-    return diagnosed(held_against([log], file), nominal_model(vehicle=file))
-
-
-def _against_healthy(log: Flight, reference: Reference) -> Diagnosis:
-    return against_healthy([log], reference.healthy)
-
-
-WAYS: Mapping[str, Way] = {"plain": _plain, "vehicle": _with_vehicle, "healthy": _against_healthy}
-"""How `tombo diagnose` can be asked."""
 
 
 def mutation_page(flight: str, answers: Sequence[Answer]) -> Page:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from functools import partial
 from typing import Any
 
 from tombo_benchmarks.diagnosis.evaluation import (
@@ -12,8 +11,6 @@ from tombo_benchmarks.diagnosis.evaluation import (
     compare_parameters,
     exactly_right,
 )
-from tombo_benchmarks.diagnosis.runner import run_benchmark
-from tombo_benchmarks.diagnosis.score import score_of_stands
 from tombo_benchmarks.diagnosis.stand_cases import make_case
 from tombo_diagnosis.engine.regression import FreeParameter
 from tombo_diagnosis.stand.analyse import analyse
@@ -41,7 +38,3 @@ def examine(seed: int, number: int) -> dict[str, Any]:
             c.effect: compare_parameters(case, findings.problem, c, true_value) for c in causes
         }
     return row
-
-
-benchmark = partial(run_benchmark, examine, score_of_stands)
-"""Many blind runs of thrust stands, diagnosed and scored."""

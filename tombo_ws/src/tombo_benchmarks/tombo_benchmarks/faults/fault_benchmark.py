@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
-from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row, run_benchmark
+from tombo_benchmarks.diagnosis.runner import Row
 from tombo_benchmarks.faults.fault_cases import (
     Case,
     fly_case,
@@ -73,20 +72,3 @@ def aggregate(fixed: int, rows: Sequence[Row]) -> dict[str, Any]:
         "rows_used": len(TABLE) - len(unused),
         "rows_unused": unused,
     }
-
-
-def check_faults(cases: int, *options: Any) -> BenchmarkResult:
-    """Check every single fault and pair in every phase, and `cases` random sequences.
-
-    Args:
-        cases: random sequences of one to five faults.
-        options: further ones of `run_benchmark`, the seed first.
-
-    Returns:
-        The cases in which something happened that must not, and the counts of all.
-    """
-    fixed = len(enumerated())
-    found = run_benchmark(
-        partial(examine, fixed), partial(aggregate, fixed), fixed + cases, *options
-    )
-    return replace(found, cases=[row for row in found.cases if row["violations"]])

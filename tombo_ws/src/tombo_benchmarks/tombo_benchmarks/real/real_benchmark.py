@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from scipy.stats import binomtest
 
 from tombo_bag.flight import Flight
-from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row, run_benchmark
+from tombo_benchmarks.diagnosis.runner import Row
 from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed
 from tombo_benchmarks.real.trials import NOTHING, Trial
 from tombo_diagnosis.crash.reason import why
@@ -148,8 +147,3 @@ def _bin(rows: Sequence[Row], low: float, high: float) -> dict[str, Any]:
         "stated": sum(r["confidence"] for r in inside) / len(inside),
         "right": good / len(inside), "low": float(interval.low), "high": float(interval.high),
     }  # fmt: skip
-
-
-def benchmark(trials: Sequence[Trial], folder: Path, *options: Any) -> BenchmarkResult:
-    """Ask about all trials; `options`: of `run_benchmark`."""
-    return run_benchmark(partial(examine, trials, folder), aggregate, *options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from tombo_benchmarks.diagnosis.runner import Row
+from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row
 from tombo_benchmarks.real.real_benchmark import OUTCOMES
 from tombo_benchmarks.real.trials import DATA_SETS
 from tombo_diagnosis.wording import percent
@@ -15,13 +15,9 @@ _STYLE: Final = {"right": "good", "set": "good", "wrong": "bad"}
 _HEADS: Final = ("right", "truth in the set", "wrong", "unknown", "none", "refused")
 
 
-def real_page(rows: Sequence[Row], found: Mapping[str, Any]) -> Page:
-    """Return the page of all trials.
-
-    Args:
-        rows: of `real_benchmark.examine`.
-        found: of `real_benchmark.aggregate`.
-    """
+def real_page(result: BenchmarkResult) -> Page:
+    """Return the page of all trials."""
+    rows, found = result.cases, result.aggregate
     of, healthy = found["outcomes"], found["healthy"]
     known, sound = sum(of.values()), sum(healthy.values())
     return Page(
@@ -37,7 +33,7 @@ def real_page(rows: Sequence[Row], found: Mapping[str, Any]) -> Page:
             Section("Stated confidence against right", [_stated(found["stated"])]),
             *(_answers(name, [r for r in rows if r["data_set"] == name]) for name in DATA_SETS),
         ],
-        data={"cases": list(rows), "aggregate": dict(found)},
+        data={"cases": rows, "aggregate": found},
     )
 
 

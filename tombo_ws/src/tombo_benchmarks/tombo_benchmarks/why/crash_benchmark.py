@@ -7,13 +7,12 @@ import os
 import subprocess
 import tempfile
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row, run_benchmark
+from tombo_benchmarks.diagnosis.runner import Row
 from tombo_benchmarks.why.crash_log import write_crash
 from tombo_benchmarks.why.mishap import KINDS, Array, Mishap, began
 from tombo_diagnosis.crash.reason import why
@@ -81,11 +80,3 @@ def _score(rows: Sequence[Row]) -> dict[str, Any]:
         "abstained": sum(r["said"] in _ABSTAINED for r in rows),
         "stated": float(np.mean([r["confidence"] for r in rows])),
     }
-
-
-def benchmark(rotorpy: str, *options: Any) -> BenchmarkResult:
-    """Ask about many crashes.
-
-    `rotorpy`: a Python that has it; `options`: of `run_benchmark`.
-    """
-    return run_benchmark(partial(examine, rotorpy), aggregate, *options)
