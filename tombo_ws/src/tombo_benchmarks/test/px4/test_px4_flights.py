@@ -29,13 +29,12 @@ def test_a_folder_without_a_px4_is_refused(tmp_path, capsys):
 def test_over_px4_the_collision_is_recovered_from_as_in_the_headless_flight(tmp_path):
     scenario = load_scenario("paper_collision")
     headless = fly_scenario(scenario, 0).summary
-    flight = fly_lockstep(Px4Setup(None, tmp_path / "px4"), scenario)
-    flown = flight.summary
+    flown, _ = fly_lockstep(Px4Setup(None, tmp_path / "px4"), scenario)
     assert flown["recovery_time_s"] == pytest.approx(headless["recovery_time_s"], abs=0.5)
     assert flown["max_falling_distance_m"] < 0.85
     assert flown["estimate_error_max_m"] < 0.02
     assert flown["landed"] and flown["disarmed"]
-    words = " ".join(text for _, text in flight.texts)
+    words = " ".join(text for _, text in flown["texts"])
     assert "Disarmed by landing" in words
     assert "fail-safe" not in words and "failure" not in words
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import argparse
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import typer
+from typer.cli import get_docs_for_click
 
 from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_bringup.cli.main import application
@@ -72,40 +72,10 @@ def _copy(file: Path, folder: Path) -> None:
 
 def commands_page() -> str:
     """Return every command with its arguments and options, as its `--help` has them."""
-    lines = ["# Commands", "", "Each command with `--help` prints the same."]
-    for words, command in _commands(typer.main.get_command(application()), ("tombo",)):
-        lines += ["", f"## {' '.join(words)}", "", _plain(command.help)]
-        rows = [row for row in map(_row, command.params) if row]
-        if rows:
-            lines += ["", "| option | default | what |", "|---|---|---|", *rows]
-    return "\n".join(lines) + "\n"
-
-
-def _commands(command: Any, words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    if not hasattr(command, "commands"):
-        yield words, command
-        return
-    for name, inner in command.commands.items():
-        if not inner.hidden:
-            yield from _commands(inner, (*words, name))
-
-
-def _row(param: Any) -> str:
-    help_text = getattr(param, "help", None) or ""
-    if getattr(param, "hidden", False) or param.name == "help":
-        return ""
-    names = ", ".join(f"`{name}`" for name in param.opts)
-    if param.param_type_name == "argument":
-        names = f"`{param.metavar or param.name.upper()}`"
-    default = param.default
-    shown = "" if callable(default) or default in (None, (), [], False, ...) else f"`{default}`"
-    return f"| {names} | {shown} | {_plain(help_text)} |"
-
-
-def _plain(text: str | None) -> str:
-    """Return help as Markdown text: no line ends, nothing that is markup by accident."""
-    words = " ".join((text or "").replace("\b", "").split())
-    return re.sub(r"([|<>\[\]*_#])", r"\\\1", words)
+    command = typer.main.get_command(application())
+    return get_docs_for_click(
+        obj=command, ctx=typer.Context(command), name="tombo", title="Commands"
+    )
 
 
 def parameters_page() -> str:

@@ -16,7 +16,7 @@ from tombo_bag import topics
 from tombo_bag.qos import Qos
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, TOPICS, TopicSpec
 from tombo_benchmarks.docs.markdown import table_markdown
-from tombo_benchmarks.faults.fault_model import FAULT_TEXTS
+from tombo_benchmarks.faults.fault_model import Fault
 from tombo_bringup.first_flight.steps import printed_steps
 from tombo_control.safety.state_machine import TABLE, SafetyState
 from tombo_dynamics.core import Core
@@ -202,7 +202,7 @@ def safety_tables() -> dict[str, str]:
         )
         for row in TABLE
     ]
-    faults = [(f"`{fault.name.lower()}`", text) for fault, text in FAULT_TEXTS.items()]
+    faults = [(f"`{fault.name.lower()}`", fault.text) for fault in Fault]
     return {
         "states": table_markdown(("state", "command of the controller"), states),
         "transitions": table_markdown(("state", "if", "then"), transitions),

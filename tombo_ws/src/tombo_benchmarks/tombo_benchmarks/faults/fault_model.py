@@ -8,7 +8,6 @@ table of faults says which input is lost and when; `Verdict` counts the violatio
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +35,7 @@ from tombo_dynamics.message_records import (
     OdometryRecord,
     PoseRecord,
 )
-from tombo_dynamics.messages import Phase
+from tombo_dynamics.messages import Phase, Reason
 from tombo_dynamics.propeller import configuration, thrust_map
 from tombo_dynamics.records import Record, field
 from tombo_dynamics.rotation import rotated, rotated_back
@@ -45,51 +44,30 @@ from tombo_dynamics.time_base import EPOCH_NS, SECOND_NS, TICK_NS
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
 
-class Fault(IntEnum):
-    """The part that is lost, from begin to end of a fault."""
+class Fault(Reason):
+    """The part that is lost, from begin to end of a fault, and what happens."""
 
-    MOCAP = 0
-    ESTIMATOR = 1
-    IMU = 2
-    CONTROLLER = 3
-    REACTION = 4
-    DETECTOR = 5
-    MISSION = 6
-    SIMULATOR = 7
-    CLOCK_BACK = 8
-    CLOCK_AHEAD = 9
-    SETPOINT_FAR = 10
-    ACCELEROMETER = 11
-    MOVED_FRAME = 12
-    OUT_OF_VOLUME = 13
-    ABORT = 14
-    KILL = 15
-    LAND_COMMAND = 16
-    TAKEOFF_COMMAND = 17
-    COLLISION = 18
+    MOCAP = 0, "no poses"
+    ESTIMATOR = 1, "the estimator is dead; at the end it is restarted"
+    IMU = 2, "no IMU"
+    CONTROLLER = 3, "the controller is dead; at the end it is restarted"
+    REACTION = 4, "the reaction is dead; at the end it is restarted"
+    DETECTOR = 5, "the detector is dead"
+    MISSION = 6, "the mission is dead; at the end it is restarted"
+    SIMULATOR = 7, "the simulator is restarted: another flight"
+    CLOCK_BACK = 8, "all clocks are set back by 0.5 s"
+    CLOCK_AHEAD = 9, "all clocks are set ahead by 2 s"
+    SETPOINT_FAR = 10, "set points 50 m away"
+    ACCELEROMETER = 11, "the accelerometer shows no number"
+    MOVED_FRAME = 12, "poses in a frame 5 m away"
+    OUT_OF_VOLUME = 13, "set points outside of the flight volume"
+    ABORT = 14, "`~/abort`"
+    KILL = 15, "`~/kill`"
+    LAND_COMMAND = 16, "`~/land`"
+    TAKEOFF_COMMAND = 17, "`~/takeoff`"
+    COLLISION = 18, "a collision is reacted to"
 
 
-FAULT_TEXTS = {
-    Fault.MOCAP: "no poses",
-    Fault.ESTIMATOR: "the estimator is dead; at the end it is restarted",
-    Fault.IMU: "no IMU",
-    Fault.CONTROLLER: "the controller is dead; at the end it is restarted",
-    Fault.REACTION: "the reaction is dead; at the end it is restarted",
-    Fault.DETECTOR: "the detector is dead",
-    Fault.MISSION: "the mission is dead; at the end it is restarted",
-    Fault.SIMULATOR: "the simulator is restarted: another flight",
-    Fault.CLOCK_BACK: "all clocks are set back by 0.5 s",
-    Fault.CLOCK_AHEAD: "all clocks are set ahead by 2 s",
-    Fault.SETPOINT_FAR: "set points 50 m away",
-    Fault.ACCELEROMETER: "the accelerometer shows no number",
-    Fault.MOVED_FRAME: "poses in a frame 5 m away",
-    Fault.OUT_OF_VOLUME: "set points outside of the flight volume",
-    Fault.ABORT: "`~/abort`",
-    Fault.KILL: "`~/kill`",
-    Fault.LAND_COMMAND: "`~/land`",
-    Fault.TAKEOFF_COMMAND: "`~/takeoff`",
-    Fault.COLLISION: "a collision is reacted to",
-}
 STEP_TICKS = 5
 """One step of the model."""
 _QUIET = 2000
@@ -146,7 +124,6 @@ class FaultWorld(Record):
     )
     new_mission = field("1", "it was restarted, and nobody has told it to fly", kind=bool)
     on_ground = field("1", "steps on the ground with rotors on, in a descent", kind=int)
-    seed = field("1", "of the noise", kind=int)
 
 
 class Suite(NamedTuple):
@@ -163,8 +140,8 @@ class Suite(NamedTuple):
     fresh: Any
 
 
-def new_suite(reach_s: float = 14.0) -> Suite:
-    """Return the cores of a short plan: up, along, a hold, down, by `reach_s` [s]."""
+def new_suite() -> Suite:
+    """Return the cores of a short plan: up, along, a hold, down."""
     vehicle = VehicleParams()
     params = MissionParams(
         takeoff_time=1.0,
@@ -174,7 +151,7 @@ def new_suite(reach_s: float = 14.0) -> Suite:
         approach_speed=0.7,
         goal_x=2.0,
         hold_time=2.0,
-        land_time=reach_s,
+        land_time=14.0,
     )
     mission = MissionCore(params, MissionLimits(ground_height=_LEG))
     reaction = ReactionCore(REGISTRY[DEFAULT](), ReactionLimits())
@@ -200,12 +177,11 @@ def new_suite(reach_s: float = 14.0) -> Suite:
     )
 
 
-def new_world(seed: int = 0) -> FaultWorld:
+def new_world() -> FaultWorld:
     """Return a vehicle at rest on the ground."""
     world = FaultWorld.new()
     world.position[2] = _LEG
     world.force[2] = GRAVITY
-    world.seed = seed
     world.odometry.attitude = (0.0, 0.0, 0.0, 1.0)
     return world
 

@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 folder = options.keep or Path(scratch) / "first"
                 place = "simulated" if build is None else str(build)
                 words = [place, str(folder), str(options.instance), *(options.row or ())]
-                command = [sys.executable, "-m", "tombo_benchmarks.px4.driver_node", *words]
+                command = [sys.executable, "-m", "tombo_benchmarks.px4.first_flight_node", *words]
                 command += ["--quick"] * options.quick
                 return subprocess.run(command).returncode
             study = _study(options, build is not None, stop)
@@ -210,7 +210,7 @@ def _flights(options: argparse.Namespace, is_real: bool, stop: StopSignals) -> C
                 summary = fly_nodes_with(setup, output, scenario, stop)
                 output.publish()
         else:
-            summary = fly_lockstep(setup, scenario).summary
+            summary, _ = fly_lockstep(setup, scenario)
         return {"flight": name, **summary, "took_s": time.monotonic() - began_s}
 
     for name, (scenario, settings) in FLIGHTS.items():

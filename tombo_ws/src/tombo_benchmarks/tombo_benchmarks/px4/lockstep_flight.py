@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -63,19 +63,9 @@ AsMocap = Callable[[Array, Array], tuple[Array, Array]]
 """Makes of position (3) and attitude (4) what a wrong motion capture sends of them."""
 
 
-@dataclass
-class LockstepFlight:
-    """A flight, and what PX4 said.
-
-    Attributes:
-        summary: the figures of `summary.json`, and those of PX4.
-        columns: name to (N, k), per tick of 1 ms from the mission's first word.
-        texts: flight time [s] and text of PX4's words.
-    """
-
-    summary: dict[str, Any]
-    columns: dict[str, Array] = field(default_factory=dict)
-    texts: list[tuple[float, str]] = field(default_factory=list)
+LockstepFlight = tuple[dict[str, Any], dict[str, Array]]
+"""The figures of `summary.json` with those of PX4; and name to (N, k), per tick of 1 ms from the
+mission's first word, empty if it has never armed."""
 
 
 def fly_lockstep(
@@ -296,11 +286,10 @@ class LockstepRun:
             for i, name in enumerate(FIGURE_COLUMNS)
         }
         began = self._began_ns or self._now_ns
-        texts = [((at - began) * 1e-9, text) for at, text in self._texts]
         summary: dict[str, Any] = {"armed": self._armed_once, "why_not": ""}
         if not self._armed_once or not self._rows:
             summary |= {"seed": self._seed, "crashed": False, "why_not": self._status_why}
-            return LockstepFlight(summary, texts=texts)
+            return summary, {}
         seconds: Array = np.arange(len(self._rows), dtype=np.float64) * TICK_S
         detections = [
             detection_of(event, (at - began) * 1e-9, began) for at, event in self._detections
@@ -319,9 +308,9 @@ class LockstepRun:
             "notes": [((at - began) * 1e-9, text) for at, text in self._notes],
             "disarmed": not self._px4.armed,
             "disarmed_s": self._disarmed_s,
-            "texts": texts,
+            "texts": [((at - began) * 1e-9, text) for at, text in self._texts],
         }
-        return LockstepFlight(summary, columns, texts)
+        return summary, columns
 
     def _estimate_errors(self, columns: dict[str, Array], began_ns: int) -> Array:
         """Return how far PX4's positions are from the true ones [m]."""

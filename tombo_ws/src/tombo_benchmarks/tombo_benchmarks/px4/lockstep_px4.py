@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from tombo_benchmarks.px4.px4_process import Px4Process
 from tombo_dynamics.errors import InputError
@@ -30,43 +30,6 @@ _SILENT_S = 60.0
 _WAIT_S = 0.02
 
 
-class LockstepPx4(ABC):
-    """A PX4 that flies a vehicle of this process.
-
-    Attributes:
-        link: the bridge's end of the link to it.
-        system: its MAVLink system.
-        watch: called with the simulator at every tick; a restarted PX4 has a new simulator.
-        steps: how many it was given.
-        missed: how many of them it has not answered.
-    """
-
-    link: Any
-    system = 1
-    watch: Watch
-    steps = missed = 0
-
-    @property
-    @abstractmethod
-    def armed(self) -> bool:
-        """Its rotors may turn."""
-
-    @abstractmethod
-    def fly(self, over: Callable[[], bool]) -> None:
-        """Start PX4, with its vehicle on the ground, and fly until `over`.
-
-        Raises:
-            InputError: PX4 does not start, has ended, or does not answer.
-        """
-
-    def __enter__(self) -> Self:
-        return self
-
-    @abstractmethod
-    def __exit__(self, *error: object) -> None:
-        """Close the links."""
-
-
 @dataclass(frozen=True)
 class Px4Setup:
     """Which PX4 flies, by motion capture alone."""
@@ -80,19 +43,36 @@ class Px4Setup:
     instance: int = 0
     """Of a real one: its ports and its id."""
 
-    def start(self, world: World, hand: Watch | None = None) -> LockstepPx4:
-        """Return the PX4 with its vehicle; `hand` moves it before the samples of a tick.
+    @contextmanager
+    def start(self, world: World, hand: Watch | None = None) -> Iterator[LockstepPx4]:
+        """Give the PX4 with its vehicle; `hand` moves it before the samples of a tick.
 
         Raises:
             InputError: a port is taken.
         """
         if self.build is None:
-            return _SimulatedPx4(world, self.seed, hand)
-        return _RealPx4(self, self.build, world, hand)
+            yield SimulatedPx4(world, self.seed, hand)
+            return
+        px4 = RealPx4(self, self.build, world, hand)
+        try:
+            yield px4
+        finally:
+            px4.close()
 
 
-class _RealPx4(LockstepPx4):
-    """A PX4 SITL, over its simulator link and its on-board link."""
+class RealPx4:
+    """A PX4 SITL, over its simulator link and its on-board link.
+
+    Attributes:
+        link: the bridge's end of the link to it.
+        system: its MAVLink system.
+        watch: called with the simulator at every tick; a restarted PX4 has a new simulator.
+        steps: how many it was given.
+        missed: how many of them it has not answered.
+    """
+
+    watch: Watch
+    steps = missed = 0
 
     def __init__(self, setup: Px4Setup, build: Path, world: World, hand: Watch | None) -> None:
         self._build, self._folder, self._instance = build, setup.folder, setup.instance
@@ -122,7 +102,11 @@ class _RealPx4(LockstepPx4):
         return self._hil.motors.armed
 
     def fly(self, over: Callable[[], bool]) -> None:
-        """Start PX4 in a folder of its own, and fly until `over`."""
+        """Start PX4, in a folder of its own and with its vehicle on the ground; fly until `over`.
+
+        Raises:
+            InputError: PX4 does not start, has ended, or does not answer.
+        """
         again = f"-again-{self._starts}" if self._starts else ""
         folder = self._folder.with_name(self._folder.name + again)
         self._starts += 1
@@ -138,7 +122,8 @@ class _RealPx4(LockstepPx4):
                 else:
                     self._hil.wait(now_ns, _WAIT_S)
 
-    def __exit__(self, *error: object) -> None:
+    def close(self) -> None:
+        """Close the links."""
         self.link.close()
         self._hil.close()
 
@@ -171,8 +156,14 @@ class _MemoryLink:
         return [self._came.popleft() for _ in range(min(limit, len(self._came)))]
 
 
-class _SimulatedPx4(LockstepPx4):
-    """The simulated PX4 and its vehicle: no socket, no clock, no chance but seeds."""
+class SimulatedPx4:
+    """The simulated PX4 and its vehicle: no socket, no clock, no chance but seeds.
+
+    Attributes are those of `RealPx4`.
+    """
+
+    watch: Watch
+    system, steps, missed = 1, 0, 0
 
     def __init__(self, world: World, seed: int, hand: Watch | None) -> None:
         self._world, self._seed, self._hand = world, seed, hand
@@ -209,5 +200,6 @@ class _SimulatedPx4(LockstepPx4):
             self.steps = self._vehicle.tick
             self.watch(self._vehicle.simulator)
 
-    def __exit__(self, *error: object) -> None:
-        """Leave: no socket is open."""
+
+LockstepPx4 = RealPx4 | SimulatedPx4
+"""A PX4 that flies a vehicle of this process."""

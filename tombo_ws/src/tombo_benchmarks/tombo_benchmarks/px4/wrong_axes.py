@@ -163,15 +163,14 @@ def fly_wrong_axes(setup: Px4Setup, name: str) -> dict[str, Any]:
     """Fly one of `wrong_axes_flights`; return its row of the table."""
     make, by_hand, word = wrong_axes_flights()[name]
     old = name.endswith(_OLD)
-    flight = fly_lockstep(
+    summary, columns = fly_lockstep(
         setup,
         load_scenario("hover", []),
         bridge=BridgeParams(axes_evidence=SIMULATED if old else ""),
         as_mocap=make,
         hand=HandMotion(_HAND_S) if by_hand else None,
     )
-    summary = flight.summary
-    position = flight.columns.get("position")
+    position = columns.get("position")
     away = height = aloft_s = 0.0
     if position is not None and len(position):
         away = float(np.linalg.norm(position[:, :2] - position[0, :2], axis=1).max())

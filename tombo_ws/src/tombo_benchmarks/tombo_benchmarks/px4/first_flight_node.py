@@ -1,4 +1,9 @@
-"""`tombo first-flight` over a PX4, in a lab without and with each of the planted faults."""
+"""`tombo first-flight` over a PX4, in a lab without and with each of the planted faults.
+
+    python -m tombo_benchmarks.px4.first_flight_node BUILD|simulated FOLDER INSTANCE [ROW ...]
+
+This process is the lab: motion capture, hand, remote control, and the person who is asked.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +12,19 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import threading
+import time
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
+
+from tombo_bag.topics import MOCAP_POSE
 from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.px4.lockstep_px4 import ONBOARD_PORT
 from tombo_benchmarks.px4.px4_process import Px4Process
@@ -23,8 +35,11 @@ from tombo_flight.suite.px4_connection import free_udp_port
 from tombo_flight.yaml_file import yaml_of
 from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
 from tombo_px4.hil.flight import PX4_PORT, airframe_parameters
+from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.messages import MessageTarget, fail_battery, is_armed, override_channels
+from tombo_ros.topic import PolledSubscription, TopicPublisher
 
-KILL_CHANNEL: Final = 8
+_KILL_CHANNEL: Final = 8
 _GROUND_PORT: Final = 18570
 """Where PX4 instance 0 hears a ground station."""
 _VOLUME = {"x_min": -2.0, "x_max": 2.0, "y_min": -1.5, "y_max": 1.5, "z_max": 2.5, "margin": 0.3}
@@ -46,6 +61,12 @@ _CHRONYC = """#!/bin/sh
 echo 7F7F0101,,0,0,0,0,0,0,0,0,0,0,0,Not synchronised
 """
 """Answers as chrony does that follows no clock."""
+_FLIES_M = 0.28
+"""Height of base_link [m]: its legs are below it."""
+_RC_S = 0.05
+_QUICK = "--quick"
+_LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
+"""us: of a channel."""
 
 
 @dataclass(frozen=True)
@@ -73,19 +94,97 @@ class Outcome:
         return f"{fault}: {state}, {armed}, stopped by {stopped}: {self.said}"
 
 
+class LabDriver:
+    """Passes poses on to `/mocap/pose`, and acts as the person; use as a context manager.
+
+    Attributes:
+        armed: a HEARTBEAT has said so.
+    """
+
+    def __init__(self, fault: str, remote_url: str, system: int) -> None:
+        self.armed = False
+        self._fault, self._system = fault, system
+        self._killed = self._kills_in_flight = self._proves = False
+        self._first: Any = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._remote = Link(remote_url, system=255, component=1, clock=time.time_ns)
+
+    def __enter__(self) -> LabDriver:
+        """Start."""
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("driver")
+        self._poses = PolledSubscription(self._node, replace(MOCAP_POSE, name="/driver/pose"), 20)
+        self._out = TopicPublisher(self._node, MOCAP_POSE)
+        self._hand = self._node.create_client(Trigger, "sim/hand")
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End."""
+        self._stop.set()
+        self._thread.join()
+        self._remote.close()
+        self._node.destroy_node()
+        rclpy.shutdown()
+
+    def act(self, line: str) -> None:
+        """Do what a line of `tombo first-flight` asks the person for."""
+        if "carry the vehicle about now" in line or (
+            "are not proven" in line and not self._proves
+        ):
+            self._proves = "are not proven" in line
+            self._hand.wait_for_service(10.0)
+            self._hand.call_async(Trigger.Request())
+        if "kill switch of the remote control" in line:
+            self._killed = line.rstrip().endswith("on.")
+        self._kills_in_flight |= "Switch the kill switch on as soon as" in line
+
+    def _run(self) -> None:
+        sent_s = 0.0
+        while not self._stop.is_set():
+            for taken in self._poses.take():
+                message = taken.message
+                self._killed |= self._kills_in_flight and message.pose.position.z > _FLIES_M
+                self._out.publish(self._spoilt(message))
+            for message in (received.message for received in self._remote.receive()):
+                if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == self._system:
+                    self.armed |= is_armed(message)
+            if time.monotonic() - sent_s > _RC_S:
+                sent_s = time.monotonic()
+                self._speak()
+            rclpy.spin_once(self._node, timeout_sec=0.0)
+            time.sleep(0.002)
+
+    def _speak(self) -> None:
+        """Send the channels of the remote control."""
+        channels = [_MIDDLE, _MIDDLE, _LOW, *(5 * [_MIDDLE]), *(10 * [_LOW])]
+        channels[_KILL_CHANNEL - 1] = _HIGH if self._killed else _LOW
+        target = MessageTarget(self._system, 1)
+        self._remote.send(override_channels(target, channels))
+        if self._fault == "low battery":
+            self._remote.send(fail_battery(target))
+
+    def _spoilt(self, message: Any) -> Any:
+        """Return a pose as the motion capture of a lab with a fault sends it."""
+        p, q = message.pose.position, message.pose.orientation
+        if self._fault == "y up":
+            p.y, p.z = p.z, -p.y
+            q.y, q.z = q.z, -q.y
+        if self._fault == "body that does not move":
+            self._first = self._first or (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+            noise = 1e-4 * (message.header.stamp.nanosec % 7)
+            p.x, p.y, p.z, q.x, q.y, q.z, q.w = self._first
+            p.x += noise
+        if self._fault == "clock":
+            message.header.stamp.sec += 1
+        return message
+
+
 def rehearse(
-    build: Path | None, folder: Path, instance: int, rows: Sequence[str],
-    driver: Callable[[str, str, int], Any], more: Sequence[str] = (),
-) -> Iterator[Outcome]:  # fmt: skip
-    """Do a first flight with each fault; `build`: of PX4, None simulates one."""
-    for fault, stops in FAULTS.items():
-        if not rows or any(word in (fault or "no fault") for word in rows):
-            place = folder / (fault.replace(" ", "_") or "good")
-            yield _rehearse(build, place.resolve(), instance, fault, stops, driver, more)
-
-
-def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops: str,
-              driver: Callable[[str, str, int], Any], more: Sequence[str]) -> Outcome:  # fmt: skip
+    build: Path | None, folder: Path, instance: int, fault: str, more: Sequence[str]
+) -> Outcome:
+    """Do a first flight in a lab with a fault; `build`: of PX4, None simulates one."""
     folder.mkdir(parents=True)
     port = free_udp_port() if build is None else ONBOARD_PORT + instance
     remote = free_udp_port() if build is None else _GROUND_PORT + instance
@@ -103,7 +202,7 @@ def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops
     parameters = {
         **_FENCE,
         "SYS_FAILURE_EN": 1,
-        "RC_MAP_KILL_SW": 0 if fault == "no kill switch" else KILL_CHANNEL,
+        "RC_MAP_KILL_SW": 0 if fault == "no kill switch" else _KILL_CHANNEL,
     }
     if fault == "old parameters":
         parameters["COM_OBL_RC_ACT"] = 0
@@ -141,7 +240,7 @@ def _rehearse(build: Path | None, folder: Path, instance: int, fault: str, stops
             known = airframe_parameters(world, 0)
             px4 = {**known, **MOCAP_ONLY, **_REMOTE, **parameters}
             stack.enter_context(Px4Process(build, folder / "px4", px4, instance))
-        person = stack.enter_context(driver(fault, f"udpout://127.0.0.1:{remote}", system))
+        person = stack.enter_context(LabDriver(fault, f"udpout://127.0.0.1:{remote}", system))
         flight = subprocess.Popen(
             [sys.executable, *command], cwd=folder, text=True, env={**os.environ, "PATH": path},
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -170,3 +269,23 @@ def table(outcomes: Sequence[Outcome]) -> str:
         for o in outcomes
     ]
     return table_markdown(head, rows)
+
+
+def main() -> int:
+    """Rehearse a first flight, and each fault; return 1 if one does not go as it must."""
+    build, folder, instance, *rows = (word for word in sys.argv[1:] if word != _QUICK)
+    outcomes = []
+    place = None if build == "simulated" else Path(build)
+    more = ("--seconds", "4", "--hover", "2") if _QUICK in sys.argv else ()
+    for fault in FAULTS:
+        if rows and not any(word in (fault or "no fault") for word in rows):
+            continue
+        kept = Path(folder).resolve() / (fault.replace(" ", "_") or "good")
+        outcomes.append(rehearse(place, kept, int(instance), fault, more))
+        print(outcomes[-1].line, flush=True)
+    print(f"\n{table(outcomes)}")
+    return int(not all(outcome.as_wanted for outcome in outcomes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
