@@ -34,8 +34,8 @@ def test_the_ways_are_those_that_have_something_to_compare_with(monkeypatch):
     """Without a vehicle file, --vehicle is no way to ask."""
     asked = []
     log = Flight.measured("new", "", {})
-    monkeypatch.setattr(mutations, "diagnosed", lambda *_: asked.append("plain"))
-    monkeypatch.setattr(mutations, "against_healthy", lambda *_: asked.append("healthy"))
+    monkeypatch.setattr(mutations, "diagnose_unchecked", lambda *_: [asked.append("plain")])
+    monkeypatch.setattr(mutations, "changes", lambda *_: [asked.append("healthy")])
     monkeypatch.setattr(mutations, "MUTATIONS", ())
     monkeypatch.setattr(mutations, "_answers_about", lambda *_: set())
     ask_all(log, None, [log])

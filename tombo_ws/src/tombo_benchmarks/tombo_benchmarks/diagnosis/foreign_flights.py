@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from tombo_benchmarks.diagnosis.runner import BenchmarkResult, Row
-from tombo_benchmarks.diagnosis.ways import diagnosed
 from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.flight.diagnose import diagnose_unchecked
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_dynamics.errors import InputError, shown
 from tombo_flight.report.page import Table
@@ -49,7 +49,8 @@ def examine(cases: Sequence[Path], seed: int, number: int) -> Row:
     try:
         flights = read_logs(sorted(case.glob("flight_*.csv*")), mapping=case / "mapping.yaml")
         vehicle = read_vehicle(str(case / "vehicle.yaml"))
-        found = diagnosed(held_against(flights, vehicle), nominal_model(vehicle=vehicle))
+        nominal = nominal_model(vehicle=vehicle)
+        found = diagnose_unchecked(held_against(flights, vehicle), nominal)[0]
     except InputError as error:
         return row | {"answer": "withheld", "verdict": "refused", "summary": str(error)}
     fitted = {f"{c.effect}.{f.name}": f for c in found.causes for f in c.theta}

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tombo_bag.flight import Finding, Flight, RefusedLog, Series
-from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed
+from tombo_bringup.cli.diagnose_command import changes
 from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.flight.diagnose import diagnose_unchecked
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
@@ -202,12 +203,12 @@ def ask_all(
         healthy: flights to compare with, as read; none: not asked with them.
         progress: called with the mutation and the share done.
     """
-    ways: dict[str, Way] = {"plain": lambda log: diagnosed([log], nominal_model())}
+    ways: dict[str, Way] = {"plain": lambda log: diagnose_unchecked([log], nominal_model())[0]}
     if vehicle is not None:
         nominal = nominal_model(vehicle=vehicle)
-        ways["vehicle"] = lambda log: diagnosed(held_against([log], vehicle), nominal)
+        ways["vehicle"] = lambda log: diagnose_unchecked(held_against([log], vehicle), nominal)[0]
     if healthy:
-        ways["healthy"] = lambda log: against_healthy([log], healthy)
+        ways["healthy"] = lambda log: changes([log], healthy)[0]
     answers = []
     for i, (name, way) in enumerate(ways.items()):
         sound = _answers_about(way(log), log.name)

@@ -10,10 +10,11 @@ from scipy.stats import binomtest
 
 from tombo_bag.flight import Flight
 from tombo_benchmarks.diagnosis.runner import Row
-from tombo_benchmarks.diagnosis.ways import against_healthy, diagnosed
 from tombo_benchmarks.real.trials import NOTHING, Trial
+from tombo_bringup.cli.diagnose_command import changes
 from tombo_diagnosis.crash.reason import why
 from tombo_diagnosis.diagnosis import Diagnosis
+from tombo_diagnosis.flight.diagnose import diagnose_unchecked
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_logs.readers.log_reader import read_logs
@@ -45,9 +46,9 @@ def answer_of(trial: Trial, folder: Path) -> tuple[str, frozenset[str], float]:
             return reason.cause, frozenset(reason.members), reason.confidence
         return "named", frozenset({reason.cause}), reason.confidence
     if trial.way == "healthy":
-        found = against_healthy(new, healthy)
+        found, _ = changes(new, healthy)
         return found.verdict, _changed(found), found.confidence
-    found = diagnosed(new, nominal_model())
+    found = diagnose_unchecked(new, nominal_model())[0]
     return (
         found.verdict,
         frozenset([c.effect for c in found.causes] or found.set),
