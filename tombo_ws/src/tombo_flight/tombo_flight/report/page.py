@@ -35,9 +35,6 @@ class Card:
     unit: str = ""
     beside: str = ""
     """Small text below the value."""
-    kind: str = ""
-    """Further style."""
-    tooltip: str = ""
 
 
 @dataclass(frozen=True)
