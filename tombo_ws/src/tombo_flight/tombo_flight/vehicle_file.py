@@ -41,6 +41,7 @@ _SECTIONS: dict[str, type[Any]] = {
     "drive": DriveParams,
 }
 _KEYS = ("tombo_vehicle", "name", "about", *_SECTIONS, "effects", "sources", "healthy")
+_HEALTHY_KEYS = ("flights", "left_out", "accused", "spread", "residuals")
 _HEAD = (
     "# A vehicle. Fly it: tombo fly hover --vehicle THIS_FILE. docs/own_vehicle.md says what\n"
     "# each value means, and what is taken where one is left out.\n"
@@ -240,7 +241,7 @@ def _healthy(content: Any) -> HealthyFlights | None:
     if content is None:
         return None
     values = mapping_of(content, "healthy")
-    check_keys(values, ("flights", "left_out", "accused", "spread", "residuals"), "healthy")
+    check_keys(values, _HEALTHY_KEYS, "healthy")
     try:
         return HealthyFlights(
             int(values["flights"]),
@@ -309,14 +310,7 @@ def vehicle_text(file: VehicleFile) -> str:
     if file.sources:
         values["sources"] = list(file.sources)
     if file.healthy is not None:
-        residuals = {name: list(v) for name, v in file.healthy.residuals.items()}
-        values["healthy"] = {
-            "flights": file.healthy.flights,
-            "left_out": file.healthy.left_out,
-            "accused": file.healthy.accused,
-            "spread": dict(file.healthy.spread),
-            "residuals": residuals,
-        }
+        values["healthy"] = {key: getattr(file.healthy, key) for key in _HEALTHY_KEYS}
     return f"{_HEAD}{yaml_of(values)}"
 
 
