@@ -45,7 +45,7 @@ def browser():
 def served():
     """A flight that is played back, and the address of its page."""
     listener = bound_socket("127.0.0.1", 0)
-    access = Access.new("127.0.0.1", listener.getsockname()[1])
+    access = Access("127.0.0.1", listener.getsockname()[1], "secret")
     session = session_of()
     app = LiveServer(session, access, live_page("climb", {})).app
     config = uvicorn.Config(app, log_level="error", ws="websockets-sansio")

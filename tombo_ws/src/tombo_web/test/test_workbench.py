@@ -72,7 +72,7 @@ def test_a_bad_request_is_refused_with_what_is_accepted(what, body, message):
 def address():
     """Serve a workbench in this process, as `tombo workbench` does."""
     listener = bound_socket("127.0.0.1", 0)
-    access = Access.new("127.0.0.1", listener.getsockname()[1])
+    access = Access("127.0.0.1", listener.getsockname()[1], "secret")
     app = WorkbenchServer(Workbench(LIBRARY), access, workbench_page(LIBRARY)).app
     server = uvicorn.Server(uvicorn.Config(app, log_level="warning"))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
@@ -131,6 +131,15 @@ def test_a_vehicle_is_recommended_a_nodus_and_flown(page):
         page.click("#answer a")
     opened.value.wait_for_selector("#scene")
     assert page.said == []
+
+
+def test_a_recommended_nodus_comes_with_the_knobs_that_make_it():
+    answer = client_of().post("/ask/design", json={"vehicle": {"mass_kg": 1.2}}).json()
+    best = answer["candidates"][0]
+    made = {k: best[k] for k in ("matrix", "fibre", "fibres", "fibre_diameter_mm", "length_mm")}
+    curves = client_of().post("/ask/curves", json={"propeller": made}).json()
+    assert curves["label"].endswith(best["nodus"])
+    assert best["figures"]["thrust_margin"]["value"] >= 2.0
 
 
 def test_results_are_seen_by_whom_the_page_is_seen(monkeypatch):

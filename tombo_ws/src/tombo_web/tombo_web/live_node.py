@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any, Final
 
 import rclpy
@@ -31,8 +32,8 @@ from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.operator_requests import OperatorRequests
 from tombo_ros.topic import PolledSubscription, message_class
-from tombo_web.live import Address, serve_live
 from tombo_web.live_view import TopicMessage
+from tombo_web.server import Address, serve_live
 
 _FAST_HZ: Final = 60.0
 """Of a faster topic the newest message is enough."""
@@ -44,8 +45,6 @@ _VEHICLES_S: Final = 1.0
 """How long the poses of vehicles are looked for."""
 _OF_VEHICLE: Final = re.compile(r"/v\d+/mocap/pose")
 """Poses of one of several vehicles."""
-
-
 Reader = Callable[[bytes], Mapping[str, Any]]
 """Bytes of a message → its fields by name."""
 
@@ -81,9 +80,7 @@ class LiveTopics:
             self._nodes = [self._node]
         self._began_ns = time.time_ns()
         self.obstacle: dict[str, float] | None = None
-        self._taken: list[
-            tuple[str, PolledSubscription, Callable[[bytes], Mapping[str, Any]]]
-        ] = []
+        self._taken: list[tuple[str, PolledSubscription, Reader]] = []
         replaced = set(names.values())
         for spec in TOPICS.values():
             if spec.name not in replaced and spec.name not in _NOT_READ:
@@ -217,7 +214,7 @@ def _obstacle(message: Any) -> dict[str, Any]:
 
 
 def _pose(message: Any, position: str, attitude: str) -> dict[str, Any]:
-    p, q = _inside(message, position), _inside(message, attitude)
+    p, q = attrgetter(position, attitude)(message)
     stamp = message.header.stamp
     return {
         "stamp_ns": stamp.sec * SECOND_NS + stamp.nanosec,
@@ -229,12 +226,6 @@ def _pose(message: Any, position: str, attitude: str) -> dict[str, Any]:
 def _numbers(message: Any) -> dict[str, Any]:
     names = message.get_fields_and_field_types()
     return {n: v for n in names if isinstance(v := getattr(message, n), int | float)}
-
-
-def _inside(message: Any, path: str) -> Any:
-    for name in path.split("."):
-        message = getattr(message, name)
-    return message
 
 
 def main() -> None:

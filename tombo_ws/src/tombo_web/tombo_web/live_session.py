@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from tombo_dynamics.errors import InputError, shown
+from tombo_dynamics.params import check_number
 from tombo_web.live_view import SCENE, LiveView, TopicMessage
 
 FRAME_HZ: Final = 30.0
@@ -15,26 +16,16 @@ _HISTORY_S: Final = 20.0
 _KILL_AGAIN_S: Final = 2.0
 """A second request within this time kills."""
 _MOST_PICKED: Final = 16
+_ANY: Final = (-1e9, 1e9)
+"""Bounds of a number that its receiver bounds."""
 OPERATOR: Final = ("hold", "land", "kill")
 
 
-class MessageSource(Protocol):
-    """What gives messages."""
-
-    seekable: bool
-    """It can be paused, stepped and sought in."""
-    now_s: float
-    """Its clock [s]."""
-
-    def begin(self) -> list[TopicMessage]:
-        """Return the messages known at the beginning."""
-
-    def advance(self, elapsed_s: float) -> list[TopicMessage]:
-        """Return the messages of a span of real time [s]."""
-
-
 class LiveSession:
-    """Makes frames of a source; obeys requests. `docs/live.md` lists their fields."""
+    """Makes frames of a source; obeys requests. `docs/live.md` lists their fields.
+
+    A source is a `Playback`, which can be paused, stepped and sought in, or `LiveTopics`.
+    """
 
     def __init__(self, source: Any, title: str, obstacle: Mapping[str, float] | None) -> None:
         self.source = source
@@ -100,12 +91,12 @@ class LiveSession:
         if name in ("pause", "play"):
             source.paused = name == "pause"
         elif name == "speed":
-            source.set_speed(_number("speed", value))
+            source.set_speed(check_number("speed", value, "1", _ANY))
         elif name == "step":
             source.paused = True
-            self._take(source.step(_number("step", value)))
+            self._take(source.step(check_number("step", value, "s", _ANY)))
         else:
-            self._seek(_number("seek", value))
+            self._seek(check_number("seek", value, "s", _ANY))
         return {"kind": "playing", "paused": source.paused, "speed": source.speed}
 
     def sought(self) -> bool:
@@ -178,17 +169,3 @@ class LiveSession:
         self._killed_s = -math.inf
         self.source.request(name)
         return {"kind": "answer", "request": name, "success": None, "message": "sent"}
-
-
-def _number(name: str, value: Any) -> float:
-    """Return a number of a request.
-
-    Raises:
-        InputError: it is none, or not finite.
-    """
-    try:
-        if not isinstance(value, bool | str) and math.isfinite(number := float(value)):
-            return number
-    except (TypeError, OverflowError):
-        pass
-    raise InputError(f"{name} {shown(value)}: accepted: a finite number")

@@ -84,7 +84,8 @@ class Playback:
         stop = int(np.searchsorted(arrivals, self.now_s, side="right"))
         self._next[name] = stop
         spec = TOPICS.get(name)
-        rate_hz = spec.rate_hz if spec is not None else _rate_hz(arrivals)
+        lasts_s = max(float(arrivals[-1] - arrivals[0]), 1e-9)
+        rate_hz = len(arrivals) / lasts_s if spec is None else spec.rate_hz
         first = max(first, stop - (_MOST_AT_ONCE if rate_hz < _EVENT_HZ else 1))
         for i in self._orders[name][first:stop].tolist():
             fields = _fields_at(topic, i)
@@ -101,10 +102,6 @@ def _order(topic: Topic) -> NDArray[np.intp]:
     """Return the rows of messages as they came; those without a time are left out."""
     order = np.argsort(topic.arrival, kind="stable")
     return np.asarray(order[np.isfinite(topic.arrival[order])])
-
-
-def _rate_hz(t: np.ndarray) -> float:  # type: ignore[type-arg]
-    return len(t) / max(float(t[-1] - t[0]), 1e-9)
 
 
 def _fields_at(topic: Topic, i: int) -> dict[str, object]:

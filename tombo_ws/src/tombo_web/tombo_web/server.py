@@ -1,4 +1,4 @@
-"""Serves one page and its stream on this machine, or with a token on others."""
+"""Serves one page and its stream on this machine, or with a token on others; the live page."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import json
 import secrets
 import socket
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import ExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -21,6 +21,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from tombo_dynamics.errors import InputError
+from tombo_web.live_page import live_page
 from tombo_web.live_session import FRAME_HZ, LiveSession
 
 _QUEUED: Final = 15
@@ -40,11 +41,6 @@ class Access:
     host: str
     port: int
     token: str
-
-    @classmethod
-    def new(cls, host: str, port: int) -> Access:
-        """Return access with a token of its own."""
-        return cls(host, port, secrets.token_urlsafe(18))
 
     @property
     def url(self) -> str:
@@ -117,19 +113,14 @@ def serve_page(
         InputError: the port is taken, or the address is not this machine's.
     """
     listener = bound_socket(host, port)
-    access = Access.new(host, listener.getsockname()[1])
-    app = application(access)
+    access = Access(host, listener.getsockname()[1], secrets.token_urlsafe(18))
+    config = uvicorn.Config(
+        application(access), log_level="warning", ws="websockets-sansio",
+        ws_max_size=_LONGEST_REQUEST, timeout_graceful_shutdown=1,
+    )  # fmt: skip
     print(f"{name}: {access.url}  (Ctrl-C ends it)", flush=True)
     with suppress(KeyboardInterrupt):  # how the server ends
-        _serve(app, listener)
-
-
-def _serve(app: Starlette, listener: socket.socket) -> None:
-    config = uvicorn.Config(
-        app, log_level="warning", ws="websockets-sansio", ws_max_size=_LONGEST_REQUEST,
-        timeout_graceful_shutdown=1,
-    )  # fmt: skip
-    uvicorn.Server(config).run(sockets=[listener])
+        uvicorn.Server(config).run(sockets=[listener])
 
 
 def page_response(access: Access, request: Request, page: str) -> Response:
@@ -241,3 +232,48 @@ def _put(queue: asyncio.Queue[str], text: str) -> None:
 async def _send_all(client: WebSocket, queue: asyncio.Queue[str]) -> None:
     while True:
         await client.send_text(await queue.get())
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a page is served."""
+
+    host: str
+    port: int
+    """0: a free one."""
+    foxglove: int | None = None
+    """Port of Foxglove's server; None: without."""
+
+
+def serve_live(
+    source: Any,
+    title: str,
+    address: Address,
+    scenario: Mapping[str, Any] | None = None,
+    obstacle: Mapping[str, float] | None = None,
+) -> None:
+    """Print the page's address and serve it.
+
+    Args:
+        source: what gives messages, a `Playback` or `LiveTopics`.
+        title: shown on the page.
+        address: where.
+        scenario: of the flight, for the lengths of the vehicle; None: the default vehicle.
+        obstacle: x_m, y_m, radius_m, top_m of the cylinder, where the source says nothing of it.
+
+    Raises:
+        InputError: a port is taken, or the address is not this machine's.
+    """
+    session, page = LiveSession(source, title, obstacle), live_page(title, scenario or {})
+    with ExitStack() as stack:
+        publish = None
+        if address.foxglove is not None:
+            from tombo_web.foxglove_stream import FoxgloveStream
+
+            stream = FoxgloveStream(address.host, address.foxglove)
+            stack.callback(stream.close)
+            publish = stream.publish
+        serve_page(
+            "live", address.host, address.port,
+            lambda access: LiveServer(session, access, page, publish).app,
+        )  # fmt: skip

@@ -7,17 +7,17 @@ import threading
 import zipfile
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from itertools import count
 from typing import Any, Final
 
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.propeller import Library
+from tombo_flight.json_text import plain
 from tombo_flight.report.flight_report import report_page
 from tombo_flight.report.page import page_html
 from tombo_propeller.design.design import design
 from tombo_propeller.design.flight_check import recommend
-from tombo_propeller.design.page import design_page
+from tombo_propeller.design.page import candidate_mapping, design_page
 from tombo_propeller.design.request import DesignRequest
 from tombo_propeller.workbench.curves import propeller_curves
 from tombo_propeller.workbench.propeller_choice import ChosenPropeller, propeller_choice
@@ -27,16 +27,13 @@ from tombo_propeller.workbench.vehicle_request import (
     fly,
     flyable_files,
 )
+from tombo_web.workbench_page import knobs_of
 
 _PAGES_KEPT: Final = 12
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Content in the types of JSON, or the bytes of a file."""
-
-    content: Any
-    file_name: str | None = None
+_LONG: Final = ("design", "fly")
+"""Requests that are refused while one of them is answered."""
+_RANKED: Final = 15
+"""Candidates that keep to all limits and are listed, the recommended one first."""
 
 
 class Workbench:
@@ -51,70 +48,74 @@ class Workbench:
         self._pages: OrderedDict[int, str] = OrderedDict()
         self._numbers = count(1)
         self._long = threading.Lock()
-        self._functions: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
+        self._functions: dict[str, Callable[[Mapping[str, Any]], Any]] = {
             "curves": self._curves,
-            "design": self._alone(self._design),
-            "fly": self._alone(self._fly),
+            "design": self._design,
+            "fly": self._fly,
             "library": self._files,
         }
 
-    def answer(self, what: str, values: Mapping[str, Any]) -> Answer:
-        """Return the answer to a request.
+    def answer(self, what: str, values: Mapping[str, Any]) -> Any:
+        """Return the answer, in the types of JSON, or as the bytes of an archive.
 
         Raises:
             InputError: a value is refused; the message names key, value and accepted values.
         """
         if what not in self._functions:
             raise unknown_name("request", what, self._functions)
-        return self._functions[what](values)
+        function = self._functions[what]
+        if what not in _LONG:
+            return function(values)
+        if not self._long.acquire(blocking=False):
+            raise InputError("busy with a design or a flight; accepted: when it has ended")
+        try:
+            return function(values)
+        finally:
+            self._long.release()
 
     def page(self, number: int) -> str | None:
         """Return the page of a flight or a design, None if there is none of this number."""
         return self._pages.get(number)
 
-    def _alone(
-        self, function: Callable[[Mapping[str, Any]], Answer]
-    ) -> Callable[[Mapping[str, Any]], Answer]:
-        """Return a function that is refused while another long one runs."""
-
-        def alone(values: Mapping[str, Any]) -> Answer:
-            if not self._long.acquire(blocking=False):
-                raise InputError("busy with a design or a flight; accepted: when it has ended")
-            try:
-                return function(values)
-            finally:
-                self._long.release()
-
-        return alone
-
-    def _curves(self, values: Mapping[str, Any]) -> Answer:
+    def _curves(self, values: Mapping[str, Any]) -> Any:
         top_rpm = values.get("top_rpm")
-        return Answer(propeller_curves(self._choice(values), self._library, top_rpm))
+        return propeller_curves(self._choice(values), self._library, top_rpm)
 
-    def _design(self, values: Mapping[str, Any]) -> Answer:
+    def _design(self, values: Mapping[str, Any]) -> Any:
         choice, request = self._both(values)
         found = design(request, self._library, choice.blade)
-        page = design_page(found, recommend(found, ()))
-        keys = ("headline", "feasible", "reasons", "must_give_text", "recommended", "ranked")
-        content = {key: page.data[key] for key in keys}
-        return Answer({**content, "page": self._keep(page_html(page))})
+        recommendation = recommend(found, ())
+        page = design_page(found, recommendation)
+        order = found.choice.order[:_RANKED]
+        return {
+            "headline": page.data["headline"],
+            "why": [*page.data["reasons"], *page.data["must_give"]],
+            "candidates": [
+                {
+                    **plain(candidate_mapping(found, i)),
+                    **knobs_of(found.evaluated.configurations[i]),
+                }
+                for i in order
+            ],
+            "page": self._keep(page_html(page)),
+        }
 
-    def _fly(self, values: Mapping[str, Any]) -> Answer:
+    def _fly(self, values: Mapping[str, Any]) -> Any:
         choice, request = self._both(values)
         flight = fly(choice, request, self._library, values.get("seed", 0))
         names = ("collided", "crashed", "recovery_time_s", "max_falling_distance_m")
         content = {name: flight.summary[name] for name in names}
         force = flight.scenario["effects"]["blade_strike"]["peak_force"]
         content |= {"force_N": force, "force_capped": force >= STRONGEST_N}
-        return Answer({**content, "page": self._keep(page_html(report_page(flight)))})
+        return {**content, "page": self._keep(page_html(report_page(flight)))}
 
-    def _files(self, values: Mapping[str, Any]) -> Answer:
+    def _files(self, values: Mapping[str, Any]) -> Any:
         choice, request = self._both(values)
         buffer = io.BytesIO()
         with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, text in flyable_files(choice, request, self._library).items():
                 archive.writestr(f"propeller/{name}", text)
-        return Answer(buffer.getvalue(), "propeller.zip")
+        return buffer.getvalue()
 
     def _both(self, values: Mapping[str, Any]) -> tuple[ChosenPropeller, DesignRequest]:
         choice = self._choice(values)

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from markupsafe import Markup
 
-from tombo_dynamics.propeller import LAWS, Library
+from tombo_dynamics.propeller import LAWS, Configuration, Library
 from tombo_flight.report.flight_report import script_json
 from tombo_flight.report.page import asset
 from tombo_propeller.workbench.propeller_choice import KNOBS, default_knobs
@@ -30,15 +30,7 @@ def workbench_page(library: Library) -> str:
         ),
         "knobs": {name: default_knobs(blade) for name, blade in library.blades.items()},
         "configurations": {
-            c.number: {
-                "blade": c.blade.name,
-                "matrix": c.nodus.matrix.name,
-                "fibre": c.nodus.fibre.name,
-                "fibres": c.nodus.fibres,
-                "fibre_diameter_mm": c.nodus.fibre_diameter_mm,
-                "length_mm": c.nodus.length_mm,
-                "outer_radius_mm": 1e3 * c.blade.joint.outer_radius_m,
-            }
+            c.number: {"blade": c.blade.name, **knobs_of(c)}
             for c in library.configurations.values()
             if c.nodus is not None
         },
@@ -55,3 +47,17 @@ def workbench_page(library: Library) -> str:
         script=Markup(asset_text("workbench.js")),
         data=Markup(script_json(data)),
     )
+
+
+def knobs_of(configuration: Configuration) -> dict[str, Any]:
+    """Return the materials and the values of the knobs of a propeller with a nodus."""
+    nodus = configuration.nodus
+    assert nodus is not None
+    return {
+        "matrix": nodus.matrix.name,
+        "fibre": nodus.fibre.name,
+        "fibres": nodus.fibres,
+        "fibre_diameter_mm": nodus.fibre_diameter_mm,
+        "length_mm": nodus.length_mm,
+        "outer_radius_mm": 1e3 * configuration.blade.joint.outer_radius_m,
+    }

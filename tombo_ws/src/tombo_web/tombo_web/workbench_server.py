@@ -14,7 +14,7 @@ from starlette.routing import Route
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import Library
 from tombo_web.server import Access, page_response, serve_page
-from tombo_web.workbench import Answer, Workbench
+from tombo_web.workbench import Workbench
 from tombo_web.workbench_page import workbench_page
 
 LARGEST_REQUEST: Final = 131_072
@@ -54,42 +54,29 @@ class WorkbenchServer:
         if not self._access.sees(request):
             return PlainTextResponse("accepted: the address with its token", 403)
         try:
-            values = _object(await _body(request))
+            values = await _values(request)
             what = request.path_params["what"]
             answer = await run_in_threadpool(self._bench.answer, what, values)
         except InputError as error:
             # With a status of its own the browser's console would call it an error.
             return JSONResponse({"error": str(error)})
-        return _response(answer)
+        if isinstance(answer, bytes):
+            named = {"Content-Disposition": 'attachment; filename="propeller.zip"'}
+            return Response(answer, media_type="application/octet-stream", headers=named)
+        return JSONResponse(answer, headers={"Cache-Control": "no-store"})
 
 
-def _response(answer: Answer) -> Response:
-    if answer.file_name is None:
-        return JSONResponse(answer.content, headers={"Cache-Control": "no-store"})
-    named = {"Content-Disposition": f'attachment; filename="{answer.file_name}"'}
-    return Response(answer.content, media_type="application/octet-stream", headers=named)
-
-
-async def _body(request: Request) -> bytes:
-    """Return the data sent.
+async def _values(request: Request) -> dict[str, Any]:
+    """Return the JSON object of a request.
 
     Raises:
-        InputError: it is too large; data beyond the bound is not read.
+        InputError: it is none, or too large; data beyond the bound is not read.
     """
     body = b""
     async for part in request.stream():
         body += part
         if len(body) > LARGEST_REQUEST:
             raise InputError(f"request: too large; accepted: up to {LARGEST_REQUEST} bytes")
-    return body
-
-
-def _object(body: bytes) -> dict[str, Any]:
-    """Return the JSON object of a request.
-
-    Raises:
-        InputError: it is none.
-    """
     try:
         values = json.loads(body)
     except (ValueError, RecursionError):

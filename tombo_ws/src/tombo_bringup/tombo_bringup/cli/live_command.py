@@ -58,7 +58,7 @@ def live(
     try:
         import websockets  # noqa: F401  uvicorn loads it at the first page, too late for a word
 
-        from tombo_web.live import Address, serve_live
+        from tombo_web.server import Address, serve_live
 
         if given.foxglove is not None:
             import tombo_web.foxglove_stream  # noqa: F401

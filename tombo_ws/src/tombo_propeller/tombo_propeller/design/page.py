@@ -164,16 +164,16 @@ def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, 
             "flies_as_claimed": None
             if recommendation.check is None
             else recommendation.check.held,
-            "recommended": None if index is None else _candidate(design, index),
+            "recommended": None if index is None else candidate_mapping(design, index),
             "reasons": words.reasons(design, recommendation),
             "must_give": words.relief_lines(design),
             "check": _check(recommendation.check),
             "failed_in_flight": [
-                {"candidate": _candidate(design, i), "check": _check(c)}
+                {"candidate": candidate_mapping(design, i), "check": _check(c)}
                 for i, c in recommendation.failed
             ],
             "alternatives": [
-                {**_candidate(design, i), "why": why}
+                {**candidate_mapping(design, i), "why": why}
                 for i, why in words.alternatives(design, recommendation)
             ],
             "candidates": len(evaluated.configurations),
@@ -189,7 +189,7 @@ def design_mapping(design: Design, recommendation: Recommendation) -> dict[str, 
     return mapping
 
 
-def _candidate(design: Design, index: int) -> dict[str, Any]:
+def candidate_mapping(design: Design, index: int) -> dict[str, Any]:
     """Return a candidate with its figures and how each is known."""
     evaluated = design.evaluated
     configuration = evaluated.configurations[index]

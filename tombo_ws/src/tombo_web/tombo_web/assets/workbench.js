@@ -144,14 +144,13 @@ class Bench {
     for (const button of buttons) button.disabled = false;
   }
 
-  showDesign({ headline, recommended, reasons, must_give_text, ranked, page }) {
-    const known = ranked.filter((candidate) => candidate.name !== recommended?.name);
-    const rows = [recommended, ...known].filter(Boolean).map((candidate, i) => this.candidate(candidate, i === 0 && recommended));
+  showDesign({ headline, why, candidates, page }) {
+    const rows = candidates.map((candidate, i) => this.candidate(candidate, i === 0));
     const head = element("tr", "", ...["nodus", ...Object.values(FIGURES).map(([words, unit]) => `${words} ${unit}`), ""].map((text) => element("th", "", text)));
     const fronts = Object.entries(FIGURES).slice(1).map(([name, [words, unit]]) => this.frontBox(name, words, unit));
-    this.front = { candidates: [recommended, ...known].filter(Boolean), best: recommended };
+    this.front = { candidates, best: candidates[0] };
     find("answer").replaceChildren(element("h2", "", headline), link(page, "Design page with all candidates"),
-      element("div", "grid fronts", ...fronts), knownLegend(), ...[...reasons, ...must_give_text].map((text) => element("p", "aside", text)),
+      element("div", "grid fronts", ...fronts), knownLegend(), ...why.map((text) => element("p", "aside", text)),
       rows.length ? element("table", "", element("thead", "", head), element("tbody", "", ...rows)) : "");
     this.draw();
   }
