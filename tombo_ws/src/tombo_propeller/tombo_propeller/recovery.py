@@ -16,7 +16,6 @@ from tombo_dynamics.errors import InputError
 
 SHARE = 0.9
 """Of the level before the collision."""
-LEAST_SHARE, MOST_SHARE = 0.5, 0.99
 _LOSS = 0.25
 """Share of the level that has to be lost."""
 _NOISES = 5.0
@@ -69,7 +68,7 @@ def recoveries(time: Array, value: Array, share: float = SHARE) -> tuple[ThrustR
     Raises:
         InputError: too short, not rising, no positive level, or no collision.
     """
-    time, value, step = _checked(time, value, share)
+    time, value, step = _checked(time, value)
     noise = _noise(value)
     drops = _drops(value, step, noise)
     usual = float(np.median(value))
@@ -90,11 +89,7 @@ def recoveries(time: Array, value: Array, share: float = SHARE) -> tuple[ThrustR
     )
 
 
-def _checked(time: Array, value: Array, share: float) -> tuple[Array, Array, float]:
-    if not LEAST_SHARE <= share <= MOST_SHARE:
-        raise InputError(
-            f"recovered at a share of {share:g}; accepted: {LEAST_SHARE:g} to {MOST_SHARE:g}"
-        )
+def _checked(time: Array, value: Array) -> tuple[Array, Array, float]:
     known = np.isfinite(time) & np.isfinite(value)
     time, value = np.asarray(time, float)[known], np.asarray(value, float)[known]
     if len(time) < _LEAST:

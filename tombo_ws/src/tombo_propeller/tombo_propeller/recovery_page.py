@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from tombo_flight.report.page import Page, Picture, Section, Text, page_json
-from tombo_flight.report.style import GREEN, MUTED, RC, VERMILLION, new_figure
+from tombo_flight.report.style import GREEN, MUTED, VERMILLION, figure_bytes, new_figure
 from tombo_propeller.recovery import ThrustRecovery
 from tombo_propeller.rotor_trace import RotorTrace
 
@@ -60,9 +59,8 @@ def write_recovery(
 ) -> None:
     """Write all files of a result into a folder that exists."""
     (folder / "recovery.json").write_text(page_json(page), encoding="utf-8")
-    share = page.data["recovered_at_share"]
-    with mpl.rc_context(RC):  # the number of ticks is chosen when a figure is saved
-        draw_recovery(trace, recoveries, share).savefig(folder / "recovery.png", dpi=130)
+    drawn = draw_recovery(trace, recoveries, page.data["recovered_at_share"])
+    (folder / "recovery.png").write_bytes(figure_bytes(drawn))
 
 
 def _headline(recoveries: Sequence[ThrustRecovery]) -> str:

@@ -12,7 +12,7 @@ import pytest
 from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, JUDGES, OPEN
 from tombo_propeller.reproduce.computed_values import LawNumbers, Numbers
 from tombo_propeller.reproduce.paper_values import Paper, PrintedNumber, Row3
-from tombo_propeller.reproduce.reproduction import Reproduction, evaluate_claims, reproduce
+from tombo_propeller.reproduce.reproduction import Reproduction, reproduce
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +197,7 @@ def test_a_changed_number_changes_the_verdict(
     whole: Reproduction, name: str, change: Change, after: str
 ) -> None:
     assert whole.claim(name).verdict != after
-    assert evaluate_claims(*change(whole.paper, whole.numbers)).claim(name).verdict == after
+    assert Reproduction(*change(whole.paper, whole.numbers)).claim(name).verdict == after
 
 
 def test_only_two_verdicts_do_not_depend_on_numbers() -> None:

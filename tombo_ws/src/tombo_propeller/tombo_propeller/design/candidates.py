@@ -105,7 +105,7 @@ def candidates(library: Library, blade: Blade) -> list[Configuration]:
             placed = with_nodus_at(blade, outer, 1e-3 * length)
         except InputError:
             continue
-        room = 1e3 * chord_m(blade, outer - 0.5e-3 * length)
+        room = 1e3 * _section(blade, outer - 0.5e-3 * length)[0]
         made = (Configuration(number, placed, n) for n in _nodi(library, length, room, diameters))
         known += [candidate for candidate in made if _key(candidate) not in seen]
     return known
@@ -191,11 +191,6 @@ def with_nodus_at(blade: Blade, outer_radius_m: float, length_m: float) -> Blade
     )
     name = f"{blade.name}_{1e3 * inner:g}_{1e3 * outer_radius_m:g}mm"
     return dataclasses.replace(blade, name=name, joint=moved, published=None)
-
-
-def chord_m(blade: Blade, x_m: float) -> float:
-    """Return the chord [m] at a distance [m] from the hub's centre."""
-    return _section(blade, x_m)[0]
 
 
 def _section(blade: Blade, x_m: float) -> tuple[float, float]:

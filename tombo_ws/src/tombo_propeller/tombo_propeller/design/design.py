@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -168,7 +169,8 @@ def slack(counted: Array, limits: Sequence[DesignLimit]) -> Array:
     return shares
 
 
-def thrust_error(measured: Sequence[Configuration], law: str) -> float:
+@lru_cache(maxsize=16)
+def thrust_error(measured: tuple[Configuration, ...], law: str) -> float:
     """Return the model's RMS error of thrust at 2000 rpm, as a share of the measured thrust."""
     shares = [
         float(evaluate(c, _BENCH_SPEED, law).thrust_N) / c.measured.thrust_N - 1.0

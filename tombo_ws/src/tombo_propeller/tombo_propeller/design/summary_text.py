@@ -19,6 +19,7 @@ KEY = "* measured; ≤ upper end of a prediction; ? outside of what was tested; 
 """Meaning of the marks of `cell`."""
 _UNFLOWN = "keeps to all limits, not flown"
 """A candidate that might break its claims in flight, as others do that keep to the limits."""
+_MOST_UNFLOWN = 3
 
 
 def headline(design: Design, recommendation: Recommendation) -> str:
@@ -198,16 +199,14 @@ def candidates_shown(design: Design, recommendation: Recommendation) -> list[tup
     return rows
 
 
-def alternatives(
-    design: Design, recommendation: Recommendation, most: int = 3
-) -> list[tuple[int, str]]:
+def alternatives(design: Design, recommendation: Recommendation) -> list[tuple[int, str]]:
     """Return further candidates to show: index, and `_UNFLOWN` or the limits that it breaks.
 
-    First come up to `most` that keep to all limits and were not flown, the best first. Then come
-    the candidates that break the limits least.
+    First come up to `_MOST_UNFLOWN` that keep to all limits and were not flown, the best first.
+    Then come the candidates that break the limits least.
     """
     skip = {recommendation.index, *(i for i, _ in recommendation.failed)}
-    feasible = [i for i in design.choice.order if i not in skip][:most]
+    feasible = [i for i in design.choice.order if i not in skip][:_MOST_UNFLOWN]
     shown = [(i, _UNFLOWN) for i in feasible]
     shown += [(i, broken_by(design, i)) for i in design.choice.nearest]
     return shown

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -20,6 +19,7 @@ from tombo_flight.report.page import (
     page_json,
     write_page,
 )
+from tombo_flight.report.style import figure_bytes
 from tombo_propeller.reproduce.claims.claim import DATA, FAILS, HOLDS, OPEN, Claim
 from tombo_propeller.reproduce.plots import FIGURES
 from tombo_propeller.reproduce.reproduction import GROUPS, Reproduction, checks_summary, headline
@@ -53,7 +53,8 @@ def reproduction_page(r: Reproduction) -> Page:
         title=headline(r),
         eyebrow=f"Tombo propeller · the paper against {', '.join(r.numbers.laws)}",
         headline=headline(r),
-        summary=_summary(r),
+        summary=f"{checks_summary(r)} Twist, torque and thrust above 3200 rpm were not measured: "
+        "there the laws differ.",
         sections=[
             Section("Claim by claim, with the evidence", [_claim_table(r)], "page"),
             *(Section(group, _in_words(r, group), "terminal") for group in GROUPS),
@@ -71,9 +72,7 @@ def write_reproduction(
     """Write all files into an output folder, which the caller publishes."""
     for k, (name, (draw, _, _)) in enumerate(FIGURES.items()):
         on_progress(f"drawing {name}", k / len(FIGURES))
-        picture = io.BytesIO()
-        draw(r).savefig(picture, format="png")
-        (folder / name).write_bytes(picture.getvalue())
+        (folder / name).write_bytes(figure_bytes(draw(r)))
     page = reproduction_page(r)
     (folder / JSON).write_text(page_json(page), encoding="utf-8", newline="\n")
     write_page(folder / PAGE, page)
@@ -168,11 +167,3 @@ def computed_text(claim: Claim) -> str:
     if len(values) == 1:
         return f"{values.pop()} in every law" if len(claim.computed) > 1 else values.pop()
     return ", ".join(f"{law} {with_unit(v, claim.unit)}" for law, v in claim.computed.items())
-
-
-def _summary(r: Reproduction) -> str:
-    """Return how our own checks came out, and the range without measurements."""
-    return (
-        f"{checks_summary(r)} Twist, torque and thrust above 3200 rpm were not "
-        "measured: there the laws differ."
-    )

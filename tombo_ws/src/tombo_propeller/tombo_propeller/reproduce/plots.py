@@ -4,107 +4,102 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.propeller import RPM, Operation, configuration, evaluate, valid_speed
 from tombo_flight.report import style
+from tombo_flight.report.style import new_figure
 from tombo_propeller.reproduce.claims.claim import FAILS, HOLDS
 from tombo_propeller.reproduce.computed_values import collapse
 from tombo_propeller.reproduce.reproduction import Reproduction, checks_summary, headline
 
 _LAW_MARKS: Final = {"published": "o", "repaired": "s", "consistent": "D"}
 """Marker of each law of the nodus."""
-_CONF_COLOURS: Final = {0: style.MUTED, 1: style.ORANGE, 2: style.PURPLE, 3: style.SKY}
-"""Colours of the paper's configurations 0 (rigid) to 3 of the propeller."""
+_CONFS: Final = {
+    0: ("Conf. 0, rigid", style.MUTED),
+    1: ("Conf. 1", style.ORANGE),
+    2: ("Conf. 2", style.PURPLE),
+    3: ("Conf. 3", style.SKY),
+}
+"""Configuration of the paper's propeller → its label and colour."""
 _MEASURED: Final = style.INK
 _MEAN_COLOUR: Final = "#8A97A3"
 _DPI: Final = 140
-_RC: Final = {**style.RC, "font.size": 10.0, "legend.fontsize": 9.0, "lines.linewidth": 1.7}
 _TOP_RPM: Final = 18000.0
 """End of the axes of speed: the limit of the laws, `SPEED_LIMIT`."""
 _MEASURED_RPM: Final = (2000.0, 3200.0)
 """Speeds at which the paper measured."""
 _DEGREES: Final = 180.0 / math.pi
-_styled: Final = mpl.rc_context(_RC)
-"""Decorates what draws a whole figure."""
 _QUANTITIES: Final = (
-    ("thrust_N", "value", "thrust [N]", 1.0, (0.0, 14.0)),
-    ("lift_over_drag", "value", "lift over drag", 1.0, (1.2, 2.3)),
-    ("alpha_rad", "alpha_deg", "lag α [deg]", _DEGREES, None),
-    ("beta_rad", "beta_deg", "flap β [deg]", _DEGREES, None),
-    ("gamma_rad", "gamma_deg", "twist γ [deg]", _DEGREES, (0.0, 30.0)),
+    ("thrust_N", "value", "o", "thrust [N]", 1.0, (0.0, 14.0)),
+    ("lift_over_drag", "value", "^", "lift over drag", 1.0, (1.2, 2.3)),
+    ("alpha_rad", "alpha_deg", "o^", "lag α [deg]", _DEGREES, None),
+    ("beta_rad", "beta_deg", "o^", "flap β [deg]", _DEGREES, None),
+    ("gamma_rad", "gamma_deg", "o^", "twist γ [deg]", _DEGREES, (0.0, 30.0)),
 )
-"""Field of `Operation`, field of `Optimum`, axis label, its units in one of SI, axis limits."""
+"""Field of `Operation`, field of `Optimum`, marks of the optima, axis label, its units in one of
+SI, axis limits."""
 
 
-@_styled
 def curves(r: Reproduction) -> Figure:
     """Draw thrust, lift over drag, lag, flap and twist of Conf. 0-3, with their optima."""
-    title = "A maximum of thrust, or a twist that saturates: one term of the model decides"
     laws = list(r.numbers.laws.items())
-    figure, panels = _sheet(title, len(_QUANTITIES), len(laws), (11.0, 14.0), share_y=True)
-    for i, (quantity, at_optimum, label, factor, limits) in enumerate(_QUANTITIES):
-        for k, (name, law) in enumerate(laws):
-            axes = panels[i * len(laws) + k]
-            optima = {"o": law.thrust, "^": law.ratio}
-            if at_optimum == "value":
-                optima = {"o": law.thrust} if quantity == "thrust_N" else {"^": law.ratio}
-            for conf, colour in _CONF_COLOURS.items():
-                rpm, points = _curve(conf, name, 50.0)
-                axes.plot(rpm, getattr(points, quantity) * factor, color=colour,
-                          label="Conf. 0, rigid" if conf == 0 else f"Conf. {conf}")  # fmt: skip
-                for mark, best in ((m, by_conf[conf]) for m, by_conf in optima.items() if conf):
-                    if best.inside:
-                        y = getattr(best, at_optimum)
-                        axes.plot(best.speed_rpm, y, mark, ms=5.5, color=colour)
-            _over_speed(axes)
-            if limits is not None:
-                axes.set_ylim(*limits)
-            if not i:
-                _heading(axes, name)
-            if not k:
-                axes.set_ylabel(label)
-    for mark, text in (("o", "maximum thrust"), ("^", "maximum lift over drag")):
-        panels[0].plot([], [], mark, color=style.MUTED, ms=5.5, label=text)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    with new_figure(11.0, 14.0, _DPI, 10.0, layout="constrained") as figure:
+        _title(figure, "A maximum of thrust, or a twist that saturates: one term decides")
+        grid = figure.subplots(len(_QUANTITIES), len(laws), squeeze=False, sharey="row")
+        for row, (field, at_optimum, marks, label, factor, limits) in zip(
+            grid, _QUANTITIES, strict=True
+        ):
+            row[0].set_ylabel(label)
+            for axes, (name, law) in zip(row, laws, strict=True):
+                optima = {"o": law.thrust, "^": law.ratio}
+                for conf, (words, colour) in _CONFS.items():
+                    rpm, points = _curve(conf, name, 50.0)
+                    axes.plot(rpm, getattr(points, field) * factor, color=colour, label=words)
+                    for mark in marks:
+                        best = optima[mark].get(conf)
+                        if best is not None and best.inside:
+                            y = getattr(best, at_optimum)
+                            axes.plot(best.speed_rpm, y, mark, ms=5.5, color=colour)
+                _over_speed(axes)
+                if limits is not None:
+                    axes.set_ylim(*limits)
+        for axes, (name, _) in zip(grid[0], laws, strict=True):
+            _heading(axes, name)
+        for mark, text in (("o", "maximum thrust"), ("^", "maximum lift over drag")):
+            grid[0][0].plot([], [], mark, color=style.MUTED, ms=5.5, label=text)
+        handles, labels = grid[0][0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     return figure
 
 
-@_styled
 def overview(r: Reproduction) -> Figure:
     """Draw six findings on one sheet: what docs/reproduction.md shows."""
-    title = f"{headline(r)}.\n{checks_summary(r)}"
-    figure, panels = _sheet(title, 2, 3, (15.0, 8.2))
-    _table_3_ratio(panels[0], r)
-    panels[0].legend(ncols=2, loc="upper right")
-    laws = r.laws("table_3_lift_over_drag")
-    _heading(panels[0], f"Simulated lift over drag: {_under(laws)}")
-    _table_3_thrust(panels[1], r)
-    panels[1].legend(ncols=2, loc="upper right")
+    law = "published" if "published" in r.numbers.laws else next(iter(r.numbers.laws))
     order = {HOLDS: "grows with stiffness", FAILS: "does not grow with stiffness"}
     verdict = r.claim("thrust_follows_stiffness").verdict
-    _heading(panels[1], f"Measured thrust: {order.get(verdict, 'no order, but much scatter')}")
-    _force_shares(panels[2], r)
     below = "all" if r.claim("collision_force").verdict == HOLDS else "not all"
-    _heading(panels[2], f"Collision force: {below} below two-thirds")
-    _maxima(panels[3], r)
-    _heading(panels[3], f"A maximum of thrust: {_under(r.laws('omega_mtf_order'))}")
-    law = "published" if "published" in r.numbers.laws else next(iter(r.numbers.laws))
-    _ratio_over_speed(panels[4], r, law)
-    _heading(panels[4], f"The printed ε_mld: {_under(r.laws('eps_mld'))} (shown: {law})")
-    for name in r.numbers.laws:
-        _universal(panels[5], name)
-    panels[5].legend()
-    _heading(panels[5], "13 propellers, one curve: a theorem")
+    panels: list[tuple[Callable[[Axes, Reproduction], None], str]] = [
+        (_table_3_ratio, f"Simulated lift over drag: {_under(r.laws('table_3_lift_over_drag'))}"),
+        (_table_3_thrust, f"Measured thrust: {order.get(verdict, 'no order, but much scatter')}"),
+        (_force_shares, f"Collision force: {below} below two-thirds"),
+        (_maxima, f"A maximum of thrust: {_under(r.laws('omega_mtf_order'))}"),
+        (partial(_ratio_over_speed, law=law),
+         f"The printed ε_mld: {_under(r.laws('eps_mld'))} (shown: {law})"),
+        (_universal, "13 propellers, one curve: a theorem"),
+    ]  # fmt: skip
+    with new_figure(15.0, 8.2, _DPI, 10.0, layout="constrained") as figure:
+        _title(figure, f"{headline(r)}.\n{checks_summary(r)}")
+        for axes, (draw, text) in zip(figure.subplots(2, 3).flat, panels, strict=True):
+            draw(axes, r)
+            _heading(axes, text)
+            axes.legend(ncols=2)
     return figure
 
 
@@ -161,11 +156,9 @@ def _force_shares(axes: Axes, r: Reproduction) -> None:
     rigid = r.paper.table_3[0].force_N.value
     shares = [r.paper.table_3[c].force_N.value / rigid for c in confs]
     colours = [style.VERMILLION if s >= bound else "#9DB4C8" for s in shares]
-    axes.bar(range(len(confs)), shares, width=0.72, color=colours, lw=0)
-    for k, s in enumerate(shares):
-        axes.text(k, s + 0.01, f"{s:.2f}", ha="center", size=8.5)
-    axes.axhline(bound, color=_MEASURED, lw=1.2, ls=(0, (4, 2)))
-    axes.text(-0.45, bound + 0.012, "two-thirds", size=8.5, va="bottom")
+    bars = axes.bar(range(len(confs)), shares, width=0.72, color=colours, lw=0)
+    axes.bar_label(bars, fmt="%.2f", padding=2.0, size=8.5)
+    axes.axhline(bound, color=_MEASURED, lw=1.2, ls=(0, (4, 2)), label="two-thirds")
     axes.set(ylabel="force / force of Conf. 0", ylim=(0.0, 0.82))
     _configurations(axes, confs)
 
@@ -179,8 +172,7 @@ def _configurations(axes: Axes, confs: list[int]) -> None:
 
 def _maxima(axes: Axes, r: Reproduction) -> None:
     """Draw thrust of Conf. 13 over speed under each law, with its maximum."""
-    axes.axvspan(*_MEASURED_RPM, color=style.FAINT, alpha=0.8, lw=0, zorder=0)
-    axes.text(2600.0, 15.6, "measured", ha="center", va="top", size=8, color=style.MUTED)
+    axes.axvspan(*_MEASURED_RPM, color=style.FAINT, alpha=0.8, lw=0, zorder=0, label="measured")
     for name, law in r.numbers.laws.items():
         rpm, points = _curve(13, name, 0.0)
         axes.plot(rpm, points.thrust_N, color=style.LAW_COLOURS[name], label=name)
@@ -189,7 +181,6 @@ def _maxima(axes: Axes, r: Reproduction) -> None:
             axes.plot(best.speed_rpm, best.value, "o", color=style.LAW_COLOURS[name], ms=6)
     axes.set(ylabel="thrust of Conf. 13 [N]", ylim=(0.0, 16.0))
     _over_speed(axes)
-    axes.legend(loc="upper right")
 
 
 def _ratio_over_speed(axes: Axes, r: Reproduction, law: str) -> None:
@@ -197,33 +188,26 @@ def _ratio_over_speed(axes: Axes, r: Reproduction, law: str) -> None:
     printed = r.paper.number("model", "largest_lift_over_drag")
     axes.axhline(printed.value, color=_MEASURED, lw=1.2, ls=(0, (4, 2)),
                  label=f"largest as printed, {printed.text}")  # fmt: skip
-    for conf, colour in _CONF_COLOURS.items():
+    for conf, (words, colour) in _CONFS.items():
         rpm, points = _curve(conf, law, 50.0)
-        axes.plot(rpm, points.lift_over_drag, color=colour,
-                  label="Conf. 0, rigid" if conf == 0 else f"Conf. {conf}")  # fmt: skip
+        axes.plot(rpm, points.lift_over_drag, color=colour, label=words)
     axes.set(ylabel="lift over drag", ylim=(1.2, 2.795))  # room for the legend above the curves
-    axes.legend(loc="upper right", ncols=2)
     _over_speed(axes)
 
 
-def _universal(axes: Axes, law: str) -> None:
-    """Draw thrust over the nodus' shear modulus G_N of all configurations under one law."""
-    s, curves = collapse(law)
-    for curve in curves:
-        axes.plot(np.sqrt(s), 1e6 * curve[0], ".", ms=3, color=style.LAW_COLOURS[law])
-    axes.plot([], [], color=style.LAW_COLOURS[law], label=law)
+def _universal(axes: Axes, r: Reproduction) -> None:
+    """Draw thrust over the nodus' shear modulus G_N of all configurations, law by law."""
+    for law in r.numbers.laws:
+        s, curves = collapse(law)
+        for curve in curves:
+            axes.plot(np.sqrt(s), 1e6 * curve[0], ".", ms=3, color=style.LAW_COLOURS[law])
+        axes.plot([], [], color=style.LAW_COLOURS[law], label=law)
     axes.set(xlabel="ω / √G_N [rad/(s √Pa)]", ylabel="T / G_N [µN/Pa]")
 
 
-def _sheet(
-    title: str, rows: int, columns: int, size_in: tuple[float, float], *, share_y: bool = False
-) -> tuple[Figure, list[Axes]]:
-    """Return a figure with a title that tells its finding, and its axes row by row."""
-    figure = Figure(figsize=size_in, dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title, x=0.01, ha="left", weight="bold", size=12.5, parse_math=False)
-    grid = figure.subplots(rows, columns, squeeze=False, sharey="row" if share_y else "none")
-    return figure, [axes for row in grid for axes in row]
+def _title(figure: Figure, text: str) -> None:
+    """Put the finding of a sheet above it."""
+    figure.suptitle(text, x=0.01, ha="left", weight="bold", size=12.5, parse_math=False)
 
 
 @lru_cache(maxsize=64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 from tombo_dynamics.propeller import LAWS
@@ -30,7 +30,11 @@ class Reproduction:
 
     paper: Paper
     numbers: Numbers
-    claims: tuple[Claim, ...]
+
+    @cached_property
+    def claims(self) -> tuple[Claim, ...]:
+        """Every claim, judged from printed and computed values."""
+        return all_claims(self.paper, self.numbers)
 
     def claim(self, name: str) -> Claim:
         """Return a claim by its name."""
@@ -63,12 +67,7 @@ def reproduce(laws: tuple[str, ...] = tuple(LAWS)) -> Reproduction:
     """
     paper = read_paper()
     low, high = (float(s) for s in paper.texts["model"]["thrust_speeds_rpm"])
-    return evaluate_claims(paper, compute(laws, (low, high)))
-
-
-def evaluate_claims(paper: Paper, numbers: Numbers) -> Reproduction:
-    """Evaluate every claim from printed and computed values."""
-    return Reproduction(paper, numbers, all_claims(paper, numbers))
+    return Reproduction(paper, compute(laws, (low, high)))
 
 
 def headline(r: Reproduction) -> str:

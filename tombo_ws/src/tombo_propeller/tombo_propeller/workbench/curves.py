@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -177,16 +176,11 @@ def bench_force(choice: ChosenPropeller, library: Library) -> tuple[float, float
     return reading.mean, max(reading.mean - reach, 0.0), reading.mean + reach, known
 
 
-@lru_cache(maxsize=16)
-def _thrust_error(measured: tuple[Configuration, ...], law: str) -> float:
-    return thrust_error(measured, law)
-
-
 def _thrust(
     choice: ChosenPropeller, points: Mapping[str, Operation], library: Library
 ) -> dict[str, Any]:
     soft = measured_soft(library, library.blades[PAPER])
-    errors = {law: _thrust_error(soft, law) for law in points}
+    errors = {law: thrust_error(soft, law) for law in points}
     curves = [
         _curve(law, p.thrust_N, (1.0 - errors[law]) * p.thrust_N, (1.0 + errors[law]) * p.thrust_N)
         for law, p in points.items()

@@ -63,7 +63,12 @@ def propeller_choice(values: Mapping[str, Any], library: Library) -> ChosenPrope
         raise InputError(f"soft: {shown(soft)}; accepted: true or false")
     placed, nodus = blade, None
     if soft:
-        numbers = {name: _number(values, name, blade) for name in KNOBS}
+        numbers = default_knobs(blade)
+        for name, (unit, low, high, _) in KNOBS.items():
+            if values.get(name) is not None:
+                numbers[name] = check_number(
+                    name, values[name], unit or "1", (low, high), integer=name == "fibres"
+                )
         nodus = Nodus(
             _named(values.get("matrix", "DragonSkin30"), library.matrices, "matrix"),
             _named(values.get("fibre", "tendon"), library.fibres, "fibre"),
@@ -80,15 +85,6 @@ def propeller_choice(values: Mapping[str, Any], library: Library) -> ChosenPrope
         if known.blade == placed and known.nodus == nodus:
             return ChosenPropeller(known, blade)
     return ChosenPropeller(Configuration(free_number(library), placed, nodus), blade)
-
-
-def _number(values: Mapping[str, Any], name: str, blade: Blade) -> float:
-    """Return a knob's value; missing values are those of configuration 13, in the blade's size."""
-    unit, low, high, _ = KNOBS[name]
-    given = values.get(name)
-    if given is None:
-        return default_knobs(blade)[name]
-    return check_number(name, given, unit or "1", (low, high), integer=name == "fibres")
 
 
 def default_knobs(blade: Blade) -> dict[str, float]:
