@@ -1,4 +1,4 @@
-"""What of a diagnosis is shown: the right driver, honest intervals, thinned without loss."""
+"""What of a diagnosis is shown: the right driver, honest intervals, lines with gaps."""
 
 import math
 
@@ -37,18 +37,11 @@ def test_blocks_do_not_run_across_flights():
     assert pair.samples.block.nunique() == seconds
 
 
-def test_a_thinned_line_keeps_its_extremes_and_breaks_at_gaps():
-    t = np.arange(0.0, 100.0, 0.01)
-    y = np.sin(t)
-    y[4321], y[7000:7100] = 50.0, np.nan
-    t[9000:] += 5.0
-    pieces = view.runs(t, y, 200)
-    assert len(pieces) == 3
-    assert max(piece[1].max() for piece in pieces) == 50.0
-    assert sum(len(piece[0]) for piece in pieces) < 500
-    for a, _ in pieces:
-        assert np.all(np.diff(a) > 0.0)
-    assert view.runs(t, y * np.nan, 200) == []
+def test_a_line_ends_before_a_gap():
+    t = np.arange(0.0, 10.0, 0.01)
+    t[900:] += 5.0
+    drawn = view.broken_at_gaps(t, np.ones(t.size))
+    assert np.flatnonzero(np.isnan(drawn)).tolist() == [899]
 
 
 @pytest.mark.parametrize(

@@ -79,13 +79,13 @@ def recording(lag=20, seed=0):
 def test_lag_and_tare_of_a_recording_are_found(tmp_path):
     rpm, thrust, command = recording()
     path = write(tmp_path / "a.csv", "rpm,thrust_N,pwm", np.maximum(rpm, 0.0), thrust, command)
-    result = plateaus(read_stand(path))
-    (lag,) = (f for f in result.findings if f.check == "lag")
+    result, found = plateaus(read_stand(path))
+    (lag,) = (f for f in found if f.check == "lag")
     assert abs(int(lag.message.split(" rows")[0].split()[-1]) - 20) <= 2
     turning = result.speed > 10.0
-    k = result.readings[turning, 0] / result.speed[turning] ** 2
+    k = result.thrust[turning] / result.speed[turning] ** 2
     assert np.allclose(k, 2e-5, rtol=0.01)
-    assert {f.check for f in result.findings} >= {"lag", "tare"}
+    assert {f.check for f in found} >= {"lag", "tare"}
 
 
 def test_an_outlier_is_excluded_and_reported(tmp_path):
@@ -93,9 +93,9 @@ def test_an_outlier_is_excluded_and_reported(tmp_path):
     thrust = POINT.thrust_N * (1.0 + 1e-3 * rng.standard_normal(12))
     rpm, thrust = np.repeat(RPM, 2), np.repeat(thrust, 2)
     thrust[9] *= 1.5
-    result = plateaus(read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, thrust)))
+    result, found = plateaus(read_stand(write(tmp_path / "a.csv", "rpm,thrust_N", rpm, thrust)))
     assert result.speed.size == 23
-    [finding] = [f for f in result.findings if f.check == "outlier"]
+    [finding] = [f for f in found if f.check == "outlier"]
     assert f"{rpm[9]:.0f}" in finding.message
 
 
@@ -250,11 +250,11 @@ def ramp(rng, steps=0):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_ramp_of_commands_is_cut_into_points_and_its_rows_are_said(tmp_path, steps, seed):
     columns = ramp(np.random.default_rng(seed), steps)
-    points = plateaus(read_stand(write(tmp_path / "a.csv", "pwm,rpm,thrust_N", *columns)))
+    points, found = plateaus(read_stand(write(tmp_path / "a.csv", "pwm,rpm,thrust_N", *columns)))
     assert points.speed.size >= 38 and points.speed.max() > 5800.0 * math.pi / 30.0
-    k = points.readings[:, 0] @ points.speed**2 / (points.speed**2 @ points.speed**2)
+    k = points.thrust @ points.speed**2 / (points.speed**2 @ points.speed**2)
     assert k == pytest.approx(9e-6, rel=0.01)
-    (said,) = [f.message for f in points.findings if f.check == "rows"]
+    (said,) = [f.message for f in found if f.check == "rows"]
     assert said.startswith(f"{points.speed.size} points from ") and int(said.split()[3]) >= 360
 
 

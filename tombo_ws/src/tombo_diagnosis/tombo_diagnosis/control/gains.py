@@ -205,13 +205,11 @@ def _integral(values: Array, rows: Mask, step: float) -> Array:
 
 
 def _shifted(values: Array, count: int) -> Array:
+    """Return rows moved on by `count`; NaN where none came."""
+    rows = np.arange(len(values)) - count
+    known = (rows >= 0) & (rows < len(values))
     out = np.full_like(values, np.nan)
-    if count > 0:
-        out[count:] = values[:-count]
-    elif count < 0:
-        out[:count] = values[-count:]
-    else:
-        out[:] = values
+    out[known] = values[rows[known]]
     return out
 
 

@@ -62,13 +62,11 @@ def oscillation(s: ControlSignals) -> Oscillation | None:
     )
     if math.hypot(*(size for _, size in turned)) < BEYOND * math.hypot(*(x for _, x in needed)):
         return None
-    strongest: Oscillation | None = None
-    for k, axis in enumerate(("roll", "pitch")):
-        hertz, size = turned[k]
-        if size < max(SWING_RAD_S, 0.0 if strongest is None else strongest.size):
-            continue
-        strongest = Oscillation(axis, hertz, size, _loop(s, k, hertz), _begin(s, k))
-    return strongest
+    k = int(turned[1][1] >= turned[0][1])
+    hertz, size = turned[k]
+    if size < SWING_RAD_S:
+        return None
+    return Oscillation(("roll", "pitch")[k], hertz, size, _loop(s, k, hertz), _begin(s, k))
 
 
 def _peak(values: Array, step: float) -> tuple[float, float]:
@@ -78,9 +76,8 @@ def _peak(values: Array, step: float) -> tuple[float, float]:
     band = (hertz > SWING_HZ[0]) & (hertz < SWING_HZ[1])
     if not band.any():
         return 0.0, 0.0
-    return float(hertz[band][np.argmax(power[band])]), float(
-        np.sqrt(power[band].sum() * (hertz[1] - hertz[0]))
-    )
+    size = np.sqrt(power[band].sum() * (hertz[1] - hertz[0]))
+    return float(hertz[band][np.argmax(power[band])]), float(size)
 
 
 def course_rates(s: ControlSignals) -> Array:

@@ -25,8 +25,6 @@ LOG_FAULT: Final = style.PURPLE
 """Fault or doubt in the log."""
 _PANEL: Final = (4.8, 2.75, 100, 8.5)
 """Width and height [in], resolution [dpi], size of letters [pt]."""
-_MAX_POINTS: Final = 900
-"""Of a line against time."""
 _MAX_DOTS: Final = 700
 
 
@@ -68,8 +66,7 @@ def draw_channel(diagnosis: Diagnosis, group: Sequence[Residual]) -> Figure:
                 ends = finding.start_s, finding.end_s
                 axes.axvspan(*ends, color=LOG_FAULT, alpha=0.2, lw=0, zorder=0)
         for values, colour in lines:
-            for t, y in data.runs(shown.t, values, _MAX_POINTS):
-                axes.plot(t, y, color=colour, lw=1.0)
+            axes.plot(shown.t, data.broken_at_gaps(shown.t, values), color=colour, lw=1.0)
         axes.set(xlim=(start, max(end, start + 1.0)), ylim=(-limit, limit))
         axes.set_xlabel(f"time [s], {shown.flight}", parse_math=False, labelpad=2)
         name = f"{display_name(shown.channel)}\n[{unit(shown.unit) or '1'}]"

@@ -37,6 +37,7 @@ from tombo_dynamics.rotation import yaw_pitch_roll
 from tombo_flight.report import style
 from tombo_flight.report.page import Page, Picture, Section, Table, Text
 from tombo_flight.report.style import new_figure
+from tombo_logs.checks.even_flight import held_values
 from tombo_logs.checks.spans import interpolated
 
 MOST_LOGS: Final = 6
@@ -201,11 +202,9 @@ def tracking_error(
     wanted = flight.topics[asked].get(asked_field) if asked in flight.topics else None
     if real is None or wanted is None or not len(wanted.t) or not len(real.t):
         return None
-    index = np.searchsorted(wanted.t, real.t, side="right") - 1
-    usable = index >= 0
     with np.errstate(invalid="ignore"):  # of values that are not finite
-        error = real.values[usable] - wanted.values[index[usable]]
-    error = error[np.isfinite(error).all(axis=1)]
+        error = real.values - held_values(real.t, wanted.t, wanted.values)
+    error = error[np.isfinite(error).all(axis=1) & (real.t >= wanted.t[0])]
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) if len(error) else None
 
 

@@ -27,13 +27,12 @@ from tombo_diagnosis.report import figures, residual_data
 from tombo_diagnosis.report.residual_data import corrected, rms
 from tombo_diagnosis.report.words import (
     LEFTOVER_UNITS,
+    NEXT_STEPS,
     STYLES,
     badge,
-    compared_with,
     dependence_text,
     detectable_text,
     headline,
-    next_steps,
 )
 from tombo_diagnosis.wording import (
     DASH,
@@ -66,7 +65,7 @@ from tombo_flight.report.page import (
 _MOST_NAMES: Final = 3
 """Flights that a line names; of more it says how many."""
 _SEVERITIES: Final = {"fault": "bad", "warning": "warn", "info": "plain"}
-_COLOURS: Final = (
+COLOURS: Final = (
     "Vermillion: the model as it was; blue: the extended model; grey: ±2σ of measurement noise; "
     "purple: fault or doubt in the log."
 )
@@ -91,7 +90,7 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
             *cause_sections(diagnosis),
             Section("", _channels(diagnosis), "page"),
         ],
-        summary=" ".join(filter(None, (compared_with(diagnosis), diagnosis.summary, shown))),
+        summary=" ".join(filter(None, (diagnosis.summary, shown))),
     )
 
 
@@ -117,6 +116,8 @@ def report_page(
         data: for programs; None: that of the diagnosis.
     """
     candidates = candidate_items(diagnosis.candidates)
+    flew = diagnosis.vehicle if what == "flight" else ""
+    vehicle = f", vehicle {flew}" if flew else ""
     return Page(
         title=title,
         eyebrow=eyebrow,
@@ -135,7 +136,7 @@ def report_page(
         ],
         data=diagnosis_mapping(diagnosis) if data is None else data,
         footer="Residual: measured minus model. Intervals are 95 %. Held against: "
-        f"{diagnosis.model or 'the suite’s own'}. Diagnosed in "
+        f"{diagnosis.model or 'the suite’s own'}{vehicle}. Diagnosed in "
         f"{figure(diagnosis.seconds, 2)} s after loading. The same in diagnosis.json.",
     )  # fmt: skip
 
@@ -176,7 +177,7 @@ def _gap(diagnosis: Diagnosis) -> list[Item]:
     if math.isfinite(noise):
         text = f"{text}; noise alone makes {figure(noise)}"
     return [
-        Text([_COLOURS], "hint"),
+        Text([COLOURS], "hint"),
         Group(pictures, "figures"),
         Text([f"{name}: {text}, all flights together."]),
     ]
@@ -234,7 +235,7 @@ def _next_flight(diagnosis: Diagnosis, folder: str, vehicle: str) -> list[Item]:
         options = [("--model", prefix + MODEL), ("--vehicle", vehicle)]
         items.append(Text(["The extended model is written; fly it:"]))
         items.append(Text([command_line(("fly",), options)], "command"))
-    return [*items, *sentences(next_steps(diagnosis))]
+    return [*items, *sentences(NEXT_STEPS.get(diagnosis.verdict, []))]
 
 
 def cause_table(causes: Iterable[Cause | Change]) -> Table:
@@ -264,22 +265,14 @@ def gain_table(gains: Sequence[Gain]) -> Table:
         [
             display_name(gain.channel), percent(gain.reduction),
             *(f"{figure(e)} {unit(gain.unit)}".strip() for e in (gain.before, gain.after)),
-            _reduction_cell(gain),
+            f"{percent(gain.low)} to {percent(gain.high)}"
+            if math.isfinite(gain.low + gain.high) else f"{gain.flights} held out",
             names.get(gain.horizon, f"simulated {gain.horizon} ahead from a measured state"),
         ]
         for gain in gains
     ]  # fmt: skip
     head = ("channel", "reduction", "before", "after", "95 % interval", "predicted")
     return Table(head, rows, "gains")
-
-
-def _reduction_cell(gain: Gain) -> Cell:
-    """Return the interval of the reduction."""
-    if not all(map(math.isfinite, (gain.low, gain.high, gain.reduction))):
-        return Cell(f"{gain.flights} held out", "muted")
-    sure = gain.low > 0.0 or gain.high < 0.0
-    text = f"{percent(gain.low)} to {percent(gain.high)}"
-    return Cell(text, ("good" if gain.low > 0.0 else "bad") if sure else "muted")
 
 
 def candidate_items(scores: Sequence[Score]) -> list[Item]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from tombo_bag.flight import Finding
 from tombo_diagnosis.diagnosis import Residual
 from tombo_dynamics.arrays import Array
-from tombo_flight.report.style import envelope
 
 BLOCK_S: Final = 1.0
 """Samples of one such block count as one: residuals are autocorrelated."""
@@ -147,18 +146,11 @@ def _slices(x: Array, count: int) -> NDArray[np.int64]:
     return np.searchsorted(edges, x, side="right")
 
 
-def runs(t: Array, y: Array, buckets: int) -> list[tuple[Array, Array]]:
-    """Return the line in pieces, broken at gaps, thinned so that the extremes stay."""
-    finite = np.flatnonzero(np.isfinite(t) & np.isfinite(y))
-    if not finite.size:
-        return []
-    t, y = t[finite], y[finite]
-    steps = np.diff(t)
-    gap = 5.0 * float(np.median(steps)) if steps.size else math.inf
-    cuts = np.flatnonzero((steps > gap) | (steps <= 0.0)) + 1
-    total = len(t)
-    pieces = zip(np.split(t, cuts), np.split(y, cuts), strict=True)
-    return [envelope(a, b, max(2, buckets * len(a) // total)) for a, b in pieces]
+def broken_at_gaps(t: Array, y: Array) -> Array:
+    """Return a line (N,) that ends before a gap: NaN where the next sample comes late."""
+    steps = np.diff(t, append=t[-1:])
+    usual = float(np.nanmedian(steps)) if t.size > 1 else math.inf
+    return np.where(np.abs(steps) > 5.0 * usual, math.nan, y)
 
 
 def reach(values: Sequence[Array], sigma: float) -> float:

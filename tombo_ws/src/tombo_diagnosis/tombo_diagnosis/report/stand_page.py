@@ -1,4 +1,4 @@
-"""The page of a stand diagnosis, with its figure, and its files."""
+"""The page of a stand diagnosis, and its files."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from matplotlib.figure import Figure
+import pandas as pd
 
 from tombo_diagnosis.diagnosis import Diagnosis, diagnosis_mapping
 from tombo_diagnosis.extend_model import extends, model_of
+from tombo_diagnosis.report.figures import draw_pair
 from tombo_diagnosis.report.files import REPORT_FILES, write_report
-from tombo_diagnosis.report.page import cause_sections, report_page
+from tombo_diagnosis.report.page import COLOURS, cause_sections, report_page
+from tombo_diagnosis.report.residual_data import Pair
 from tombo_diagnosis.report.words import headline
 from tombo_diagnosis.stand.diagnose import of_other_runs
 from tombo_diagnosis.wording import display_name, percent
@@ -21,9 +23,7 @@ from tombo_dynamics.propeller import RPM
 from tombo_dynamics.propeller.effects import CHANNELS, STAND_EFFECTS
 from tombo_flight.extended_model import write_model
 from tombo_flight.json_text import plain
-from tombo_flight.report import style
-from tombo_flight.report.page import Item, Page, Picture, Section, Table, Text
-from tombo_flight.report.style import new_figure
+from tombo_flight.report.page import Group, Item, Page, Picture, Section, Table, Text
 from tombo_flight.version import tombo_version
 
 if TYPE_CHECKING:
@@ -70,13 +70,12 @@ def stand_mapping(stand: StandDiagnosis) -> dict[str, Any]:
 def stand_page(stand: StandDiagnosis) -> Page:
     """Return the page of a stand diagnosis."""
     diagnosis, k = stand.diagnosis, stand.constant
-    caption = "Measured less model over speed, before and after; grey: twice the noise of a point"
     return report_page(
         diagnosis,
         headline(diagnosis, "these runs", "The model"),
         [
             Section("What would settle it", _settling(diagnosis)),
-            Section("The gap", [Picture(partial(draw_residuals, stand), caption)], "page"),
+            Section("The gap", _gap(stand), "page"),
             Section("k_T", [] if k is None else _constant(k)),
             *cause_sections(diagnosis),
         ],
@@ -112,30 +111,25 @@ def _constant(k: ThrustConstant) -> list[Item]:
     return [Table(("k_T by rotor", "value", "95 % interval", "off by"), rows, "limits")]
 
 
-def draw_residuals(stand: StandDiagnosis) -> Figure:
-    """Draw measured minus model over speed, before and after, a row for each channel."""
+def _gap(stand: StandDiagnosis) -> list[Item]:
+    """Return the residual of each channel over speed, before and after."""
     problem = stand.findings.problem
-    points = problem.points
     before = problem.residual(problem.final(problem.null_hypothesis))
     after = problem.unexplained(stand.findings.search.best.fit)
-    channels = [c for c in points.measured if problem.seen[:, c].any()]
-    with new_figure(9.6, 0.7 + 2.5 * len(channels), 100, layout="constrained") as figure:
-        axes = figure.subplots(len(channels), 2, squeeze=False, sharex="col", sharey="row")
-        for row, c in zip(axes, channels, strict=True):
-            unit, factor = _UNITS[CHANNELS[c]]
-            sides = ((before, "as it was"), (after, "with what was found"))
-            for axis, (left, words) in zip(row, sides, strict=True):
-                for p, name in enumerate(points.propellers):
-                    rows = (points.setup.propeller == p) & problem.seen[:, c]
-                    x, y = points.setup.speed[rows] / RPM, left[rows, c] * factor
-                    axis.plot(x, y, "o", markersize=3.2, color=f"C{p}", label=name)
-                sigma = float(np.median(points.sigma[problem.seen[:, c], c])) * factor
-                axis.axhspan(-2.0 * sigma, 2.0 * sigma, color=style.FAINT, alpha=0.7, zorder=0)
-                axis.axhline(0.0, color=style.MUTED, linewidth=0.7)
-                axis.set_title(f"{display_name(CHANNELS[c])}, model {words}", loc="left")
-            row[0].set_ylabel(f"measured less model [{unit}]")
-        for axis in axes[-1]:
-            axis.set_xlabel("speed [rpm]")
-        if len(points.propellers) > 1:
-            axes[0][0].legend(fontsize=7, ncols=2)
-    return figure
+    pictures = []
+    for c in problem.points.measured:
+        rows, name = problem.seen[:, c], CHANNELS[c]
+        if not rows.any():
+            continue
+        unit, factor = _UNITS[name]
+        samples = {
+            "x": problem.points.setup.speed[rows] / RPM,
+            "before": before[rows, c] * factor,
+            "after": after[rows, c] * factor,
+            "block": np.arange(np.count_nonzero(rows)),
+        }
+        sigma = float(np.median(problem.points.sigma[rows, c])) * factor
+        pair = Pair(name, unit, "speed [rpm]", pd.DataFrame(samples), sigma, 1.0)
+        caption = "Mean in slices with 95 % interval"
+        pictures.append(Picture(partial(draw_pair, pair), caption, display_name(name), "narrow"))
+    return [Text([COLOURS], "hint"), Group(pictures, "figures")]

@@ -6,7 +6,6 @@ from typing import Final
 
 from tombo_diagnosis.diagnosis import VARIABLES, Diagnosis, Leftover
 from tombo_diagnosis.wording import capital, certainty, display_name, listed, percent, sized
-from tombo_dynamics.effects import REGISTRY
 
 _BADGES: Final = {
     "none": ("no cause found", "good"),
@@ -18,43 +17,12 @@ _BADGES: Final = {
 STYLES: Final = {verdict: colour for verdict, (_, colour) in _BADGES.items()}
 """How each verdict is coloured: good, warn or bad."""
 
-
-_TOLERANCES: Final = {
-    "mass_error.fraction": "mass",
-    "thrust_coefficient_error.fraction": "thrust",
-    "thrust_scatter.deviation": "propellers matched to",
-    "inertia_error.xx": "inertia",
-    "cog_offset.x": "centre of gravity",
-    "linear_rotor_drag.d_xy": "rotor drag",
-    "steady_wind.east": "wind",
-}
-"""effect.parameter → name of those tolerances that are printed; all are in diagnosis.json."""
 _IMPORTANT: Final = (
     "mass_error", "thrust_coefficient_error", "weak_propeller", "cog_offset", "linear_rotor_drag",
     "steady_wind", "mocap_marker_offset", "mocap_latency",
 )  # fmt: skip
 """Effects whose detectable size is told where no cause was found; the first ones that have one."""
 _MOST_TOLD: Final = 4
-
-
-def compared_with(diagnosis: Diagnosis) -> str:
-    """Return the model that the flights were compared with, and its tolerances."""
-    known = [
-        f"{name} {sized(diagnosis.tolerances[label], parameter_unit)}"
-        for label, name in _TOLERANCES.items()
-        if label in diagnosis.tolerances
-        for parameter_unit in (_unit_of(label),)
-    ]
-    if not known:
-        return ""
-    vehicle = diagnosis.vehicle or "the suite’s own vehicle"
-    model = f" ({diagnosis.model})" if diagnosis.model else ""
-    return f"Compared with: {vehicle}{model}; tolerances: {', '.join(known)}."
-
-
-def _unit_of(label: str) -> str:
-    effect, name = label.split(".")
-    return next(p.unit for p in REGISTRY[effect].theta if p.name == name)
 
 
 def detectable_text(diagnosis: Diagnosis) -> str:
@@ -113,32 +81,21 @@ def headline(
     return _BADGES[diagnosis.verdict][0]
 
 
-def next_steps(diagnosis: Diagnosis) -> list[str]:
-    """Return the next steps after a verdict."""
-    steps = {
-        "named": [
-            "Fly once more, at a speed or a height that these flights do not have, and diagnose "
-            "it with the extended model: the verdict should be none."
-        ],
-        "partly_explained": [
-            "Use the extended model, and look in the pictures at what is left after it: against "
-            "which quantity does it still grow?"
-        ],
-        "unknown": [
-            "Look at what is left over: which variable does it follow, and on which axis? That is "
-            "the effect to write (CONTRIBUTING.md, Adding an effect).",
-            "Check what no candidate covers: a loose part, a cable, another sensor mount, a "
-            "changed controller.",
-        ],
-        "set": ["Measure what separates them; until then do not put either into the model."],
-        "none": [],
-    }.get(diagnosis.verdict, [])
-    blind = [score.effect for score in diagnosis.candidates if not score.excited]
-    if diagnosis.verdict == "none" and blind:
-        steps = [
-            "These flights could not have shown "
-            f"{listed(blind[:6], 'or' if len(blind) <= 6 else 'and')}"
-            f"{f' and {len(blind) - 6} others' if len(blind) > 6 else ''}: if you suspect one, "
-            "fly what excites it (remarks in the table of candidates)."
-        ]
-    return steps
+NEXT_STEPS: Final = {
+    "named": [
+        "Fly once more, at a speed or a height that these flights do not have, and diagnose "
+        "it with the extended model: the verdict should be none."
+    ],
+    "partly_explained": [
+        "Use the extended model, and look in the pictures at what is left after it: against "
+        "which quantity does it still grow?"
+    ],
+    "unknown": [
+        "Look at what is left over: which variable does it follow, and on which axis? That is "
+        "the effect to write (CONTRIBUTING.md, Adding an effect).",
+        "Check what no candidate covers: a loose part, a cable, another sensor mount, a "
+        "changed controller.",
+    ],
+    "set": ["Measure what separates them; until then do not put either into the model."],
+}
+"""Verdict → what to do next."""

@@ -49,6 +49,8 @@ def parameters(setup: Setup) -> tuple[FreeParameter, ...]:
 
 _DERIVATIVE_STEP_SHARE = 0.02
 """Of a numerical derivative, in sizes that matter."""
+_SPEED_STEP = 1e-3
+"""Of the derivative over speed, as a share of the speed."""
 _MAX_FIT_STEPS = 10
 _MAX_EVIDENCE_LOSS = 0.05
 """Of log evidence: a step that loses more has gone too far."""
@@ -119,7 +121,8 @@ class StandProblem:
         self.slopes = self.slopes_at(self.theta)
         """(N, 4, K)"""
         self.drawn = self._draw_slopes()
-        self.speed_slope = self._by_speed()
+        change = self._drawn_change({SPEED: (_SPEED_STEP,)}, point=np.ones(points.count))
+        self.speed_slope = change / _SPEED_STEP
         """(N, 4): readings per share of speed."""
         size = np.sqrt(np.sum((self.slopes / self.sigma[:, :, None]) ** 2, axis=(0, 1)))
         self.unknowns = replace(
@@ -329,10 +332,6 @@ class StandProblem:
                 change = self._drawn_change({name: tuple(deviations)}, **{_DRAWN[name]: table})
                 columns += [change * (number == k)[:, None] for k in range(count)]
         return np.stack(columns, axis=2)
-
-    def _by_speed(self) -> Array:
-        share = 1e-3
-        return self._drawn_change({SPEED: (share,)}, point=np.ones(self.points.count)) / share
 
     def _drawn_change(self, deviations: dict[str, tuple[float, ...]], **draws: Array) -> Array:
         """Return what draws change of the readings (N, 4), under an effect of these deviations."""

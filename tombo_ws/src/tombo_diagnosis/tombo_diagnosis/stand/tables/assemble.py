@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tombo_bag.flight import Finding
 from tombo_diagnosis.stand.tables.operating_points import OperatingPoints
-from tombo_diagnosis.stand.tables.plateaus import Plateaus, plateaus
+from tombo_diagnosis.stand.tables.plateaus import LOADS, SIGMAS, plateaus
 from tombo_diagnosis.stand.tables.table_reader import StandTable
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
@@ -44,10 +44,10 @@ def assemble(
     plain = plains.pop()
     _refuse_twice(tables)
     parts = [plateaus(t) for t in tables]
-    described = [_described(t, p, conf, plain) for t, p in zip(tables, parts, strict=True)]
-    findings = [f for t in tables for f in t.findings] + [f for p in parts for f in p.findings]
+    described = [_described(t, p, conf, plain) for t, (p, _) in zip(tables, parts, strict=True)]
+    findings = [f for t in tables for f in t.findings] + [f for _, found in parts for f in found]
     every = pd.concat(described, ignore_index=True)
-    readings = np.concatenate([p.readings for p in parts])
+    readings = np.array(every[list(LOADS)], order="C")
     run, runs = pd.factorize(every.run)
     propeller, propellers = pd.factorize(every.propeller)
     speed = every.speed.to_numpy()
@@ -72,7 +72,7 @@ def assemble(
         largest_thrust=_largest(readings[:, 0], 1.0),
         largest_torque=_largest(readings[:, 1], 0.03),
     )
-    sigma = np.concatenate([p.sigma for p in parts])
+    sigma = np.array(every[list(SIGMAS)], order="C")
     points = OperatingPoints(setup, readings, sigma, tuple(runs), tuple(propellers))
     if not plain:
         _check_scale(points, tables, np.repeat(np.arange(len(parts)), [len(d) for d in described]))
@@ -80,17 +80,16 @@ def assemble(
     return points, tuple(findings)
 
 
-def _described(table: StandTable, part: Plateaus, conf: int, plain: bool) -> pd.DataFrame:
-    """Return speed, time, configuration, names and known loads of each point of a table.
+def _described(table: StandTable, points: pd.DataFrame, conf: int, plain: bool) -> pd.DataFrame:
+    """Return the points of a table with their configuration, names and known loads.
 
     Raises:
         InputError: a configuration is not a whole number, or not known.
     """
-    recorded = pd.DataFrame(dict(table.channels)).iloc[part.first_row.astype(int)]
-    recorded = recorded.reset_index(drop=True)
-    points = pd.DataFrame({"speed": part.speed, "elapsed": part.elapsed, "conf": conf})
-    if "conf" in recorded:
-        points["conf"] = _configurations(recorded.conf.to_numpy(), table, plain)
+    recorded = pd.DataFrame(dict(table.channels)).iloc[points.row].reset_index(drop=True)
+    points["conf"] = (
+        _configurations(recorded.conf.to_numpy(), table, plain) if "conf" in recorded else conf
+    )
     by_conf = points.conf.map("Conf. {}".format)
     points["run"] = table.name
     if "run" in recorded:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from tombo_bag.flight import Finding
@@ -16,6 +16,8 @@ from tombo_dynamics.errors import InputError
 from tombo_dynamics.propeller import RPM
 
 LOADS = ("thrust", "torque", "beta", "reference_speed")
+"""Thrust [N], torque [N m], flap angle [rad], second tachometer [rad/s]."""
+SIGMAS = tuple(f"{name}_sigma" for name in LOADS)
 _MAX_LAG_SHARE = 0.05
 """Of a recording's rows."""
 _MIN_PLATEAU_ROWS = 5
@@ -25,23 +27,12 @@ _DEFAULT_NOISE_SHARE = 0.01
 """Noise in shares of a channel's range where too few points are there to find it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Plateaus:
-    """The operating points of one run; arrays are (N,)."""
+def plateaus(table: StandTable) -> tuple[pd.DataFrame, list[Finding]]:
+    """Return the operating points of a recording, or the rows of a table that has them already.
 
-    speed: Array
-    readings: Array
-    """(N, 4) thrust [N], torque [N m], flap angle [rad], second tachometer [rad/s] by rotor."""
-    sigma: Array
-    """(N, 4)"""
-    elapsed: Array
-    first_row: Array
-    """Where it begins in the recording."""
-    findings: tuple[Finding, ...]
-
-
-def plateaus(table: StandTable) -> Plateaus:
-    """Return the operating points of a recording, or the rows of a table that has them already."""
+    Columns are speed [rad/s], row (where a point begins), elapsed (0 to 1), the LOADS by rotor,
+    and in SIGMAS their standard deviations, with the same units.
+    """
     channels = {k: table.channels[k].copy() for k in LOADS if k in table.channels}
     speed = table.channels["speed"]
     findings: list[Finding] = []
@@ -76,8 +67,9 @@ def plateaus(table: StandTable) -> Plateaus:
     keep, outliers = _outliers(at, readings, table.name)
     at, readings, sigma, first = (each[keep] for each in (at, readings, sigma, first))
     sigma = _with_noise(at, readings, sigma, table, raw)
-    elapsed = first / max(speed.size - 1, 1)
-    return Plateaus(at, readings, sigma, elapsed, first, (*findings, *outliers))
+    points = pd.DataFrame(np.hstack([readings, sigma]), columns=[*LOADS, *SIGMAS])
+    points["speed"], points["row"], points["elapsed"] = at, first, first / max(speed.size - 1, 1)
+    return points, [*findings, *outliers]
 
 
 def _lag(channels: dict[str, Array], speed: Array) -> int:
@@ -147,7 +139,7 @@ def _averages(
                 readings[k, c] = values.mean()
                 fresh = 1 + int(np.count_nonzero(np.diff(values)))
                 sigma[k, c] = float(values.std()) / math.sqrt(fresh)
-    return at, readings, sigma, np.array([float(p.start) for p in parts])
+    return at, readings, sigma, np.array([p.start for p in parts])
 
 
 def _off_neighbours(x: Array, y: Array) -> Array:
@@ -203,11 +195,11 @@ def _with_noise(
     """Return the noise: as said in the table, else within plateaus and between neighbours."""
     out = sigma.copy()
     turning = ~stands(speed)
-    for c, name in enumerate(LOADS):
+    for c, stated_in in enumerate(SIGMAS):
         y = readings[:, c]
         known = np.isfinite(y) & turning
         largest = float(np.abs(y[np.isfinite(y)]).max(initial=0.0))
-        stated = table.channels.get(f"{name}_sigma")
+        stated = table.channels.get(stated_in)
         if stated is not None and not raw and stated.size == y.size and np.all(stated > 0.0):
             out[:, c] = stated
             continue
