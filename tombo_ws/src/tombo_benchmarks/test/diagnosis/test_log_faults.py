@@ -7,7 +7,7 @@ import pytest
 from tombo_benchmarks.diagnosis.flight_cases import make_case
 from tombo_benchmarks.diagnosis.flight_simulation import simulate_case
 from tombo_benchmarks.diagnosis.mutations import MUTATIONS
-from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.diagnose import diagnose_flights
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
@@ -59,6 +59,6 @@ def test_a_fault_does_not_end_as_physics(name, flights, hover):
     checked = [
         check_log(fault.applied(log, (SEED, k)), hover) for k, log in enumerate(flights[:2])
     ]
-    verdict = diagnose(checked, nominal_model())
+    verdict = diagnose_flights(checked, nominal_model())[0]
     assert not verdict.causes and not verdict.set
     assert any(fault.named_by([f]) for f in verdict.prechecks)

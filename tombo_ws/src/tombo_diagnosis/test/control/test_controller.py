@@ -14,7 +14,7 @@ from tombo_diagnosis.control.actuators import with_asked_rotors
 from tombo_diagnosis.control.controller import controller_report
 from tombo_diagnosis.control.gains import LoopGain
 from tombo_diagnosis.control.signals import DrivePlant
-from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.diagnose import diagnose_flights
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.yaml_text import read_yaml
@@ -245,7 +245,7 @@ def test_stronger_motors_are_told_without_commands_of_rotors():
 @real
 def test_a_real_load_on_a_thread_is_named_with_its_grams():
     """About 5 g, its authors write; 5.3 g by force across the thread, without a model."""
-    found = diagnose([check_log(flight(184))], nominal_model())
+    found = diagnose_flights([check_log(flight(184))], nominal_model())[0]
     (load,) = [c for c in found.causes if c.effect == "hanging_load"]
     (mass,) = [f for f in load.theta if f.name == "mass"]
     assert mass.low < 0.0053 < mass.high

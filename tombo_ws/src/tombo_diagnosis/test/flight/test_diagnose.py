@@ -11,7 +11,7 @@ from measured_flights import SLOW, logs, nominal
 from tombo_bag.flight import Airframe, Finding, Series
 from tombo_diagnosis.diagnosis import VERDICTS
 from tombo_diagnosis.flight.causes import shown_by_scale
-from tombo_diagnosis.flight.diagnose import check_flights, diagnose
+from tombo_diagnosis.flight.diagnose import check_flights, diagnose_flights
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.effects import REGISTRY
 from tombo_dynamics.errors import InputError
@@ -27,7 +27,7 @@ FRAME = Airframe("Other", 0.03, 0.03, 0.02)
 @pytest.fixture(scope="module")
 def named():
     times = iter([10.0, 12.5])
-    return diagnose(logs(HIDDEN, count=3), nominal(), clock=lambda: next(times))
+    return diagnose_flights(logs(HIDDEN, count=3), nominal(), clock=lambda: next(times))[0]
 
 
 def test_what_was_hidden_is_named_with_its_size(named):
@@ -71,7 +71,7 @@ def test_residuals_are_there_before_and_after(named):
 
 
 def test_with_nothing_hidden_nothing_is_added():
-    diagnosis = diagnose(logs(seed=5, count=3), nominal())
+    diagnosis = diagnose_flights(logs(seed=5, count=3), nominal())[0]
     assert diagnosis.verdict == "none" and diagnosis.causes == () and diagnosis.gain == ()
     for r in diagnosis.residuals:
         assert np.array_equal(r.before, r.after)
@@ -79,7 +79,7 @@ def test_with_nothing_hidden_nothing_is_added():
 
 
 def test_a_single_short_flight_says_what_it_can_not_certify():
-    diagnosis = diagnose(logs(WIND, count=1, length=13.0), nominal())
+    diagnosis = diagnose_flights(logs(WIND, count=1, length=13.0), nominal())[0]
     assert diagnosis.verdict == "named" and diagnosis.causes[0].effect == "steady_wind"
     assert any("certify" in note and "flight" in note for note in diagnosis.notes)
     assert all(math.isnan(g.low) for g in diagnosis.gain)
@@ -88,7 +88,7 @@ def test_a_single_short_flight_says_what_it_can_not_certify():
 
 def test_a_single_flight_is_cut_into_parts_that_are_held_out_in_turn():
     (log,) = logs(WIND, count=1, length=22.0)
-    diagnosis = diagnose([log], nominal())
+    diagnosis = diagnose_flights([log], nominal())[0]
     assert len(diagnosis.flights) >= 2
     assert all(flight.name.startswith(log.name) for flight in diagnosis.flights)
     shown = [r for r in diagnosis.residuals if r.channel == "force x"]
@@ -98,7 +98,7 @@ def test_a_single_flight_is_cut_into_parts_that_are_held_out_in_turn():
 
 def test_a_set_says_what_separates_it():
     flights = logs({"steady_wind": {"east": 1.0}}, courses=SLOW, sensors="mocap")
-    diagnosis = diagnose(flights, nominal())
+    diagnosis = diagnose_flights(flights, nominal())[0]
     assert diagnosis.verdict == "set" and set(diagnosis.set) == {
         "steady_wind",
         "mocap_misalignment",
@@ -113,26 +113,28 @@ def test_a_set_says_what_separates_it():
 def test_flights_of_different_vehicles_are_refused():
     ours, theirs = logs(count=2)
     with pytest.raises(InputError, match=r"flight 1.*accepted: flights of one vehicle"):
-        diagnose([ours, replace(theirs, airframe=FRAME)], nominal())
+        diagnose_flights([ours, replace(theirs, airframe=FRAME)], nominal())
     with pytest.raises(InputError, match="accepted: flights of one vehicle"):
         other = replace(FRAME, mass=0.05)
-        diagnose([replace(ours, airframe=other), replace(theirs, airframe=FRAME)], nominal())
+        diagnose_flights(
+            [replace(ours, airframe=other), replace(theirs, airframe=FRAME)], nominal()
+        )
 
 
 def test_no_flight_that_can_be_used_says_why():
     (log,) = logs(count=1)
     blind = log.with_series({k: v for k, v in log.series.items() if k != "attitude"})
     with pytest.raises(InputError, match=r"flight 1.*attitude.*accepted"):
-        diagnose([blind], nominal())
+        diagnose_flights([blind], nominal())
     with pytest.raises(InputError, match="accepted: at least 2 s"):
-        diagnose([replace(log, exclude=((-1.0, 1e3),))], nominal())
+        diagnose_flights([replace(log, exclude=((-1.0, 1e3),))], nominal())
 
 
 def test_a_flight_that_can_not_be_used_is_left_out_and_reported():
     good, bad = logs(WIND, count=2)
     note = Finding("gap", "warning", good.name, "position: a gap")
     bad = bad.with_series({k: v for k, v in bad.series.items() if k != "position"})
-    diagnosis = diagnose([replace(good, findings=(note,)), bad], nominal())
+    diagnosis = diagnose_flights([replace(good, findings=(note,)), bad], nominal())[0]
     assert {f.name for f in diagnosis.flights} and not [
         f for f in diagnosis.flights if "2" in f.name[:8]
     ]
@@ -160,7 +162,7 @@ def test_a_flight_that_contradicts_itself_costs_only_itself():
 def test_a_flight_without_an_imu_among_others_is_left_out_and_reported():
     one, two = logs(count=2)
     bare = {k: v for k, v in two.series.items() if k not in ("gyro", "accel")}
-    diagnosis = diagnose([one, two.with_series(bare)], nominal())
+    diagnosis = diagnose_flights([one, two.with_series(bare)], nominal())[0]
     assert all(f.formulation == "imu" for f in diagnosis.flights)
     assert any("no IMU" in f.message for f in diagnosis.prechecks)
 
@@ -175,7 +177,7 @@ def test_poses_that_repeat_stumble_or_are_not_finite_do_no_harm():
     t[400] = t[399]
     series = {**log.series, "position": Series(t, values, place.arrival),
               "attitude": Series(t, flipped, turn.arrival)}  # fmt: skip
-    diagnosis = diagnose([log.with_series(series)], nominal())
+    diagnosis = diagnose_flights([log.with_series(series)], nominal())[0]
     assert diagnosis.verdict == "named" and diagnosis.causes[0].effect == "steady_wind"
 
 

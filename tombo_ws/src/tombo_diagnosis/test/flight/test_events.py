@@ -9,7 +9,7 @@ from measured_flights import nominal
 
 from tombo_bag.flight import Series
 from tombo_diagnosis.flight.analyse import analyse
-from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.diagnose import diagnose_flights
 from tombo_diagnosis.flight.fit.problem import FlightProblem
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_diagnosis.flight.fit.transients import find_transients
@@ -36,7 +36,7 @@ def knocked(log, times=(KNOCK_S,)):
 
 def test_a_cause_is_named_through_a_knock_that_is_reported():
     first, second = logs(HEAVY, sensors="imu")
-    diagnosis = diagnose([knocked(first), second], nominal())
+    diagnosis = diagnose_flights([knocked(first), second], nominal())[0]
     assert diagnosis.verdict == "named" and [c.effect for c in diagnosis.causes] == ["mass_error"]
     (moment,) = [f for f in diagnosis.prechecks if f.check == "moment"]
     assert moment.flight == first.name and moment.start_s < KNOCK_S < moment.end_s

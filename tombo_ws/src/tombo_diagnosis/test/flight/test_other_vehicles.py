@@ -9,7 +9,7 @@ from measured_flights import SLOW, logs, nominal
 
 from tombo_bag.flight import Airframe, Series
 from tombo_diagnosis.flight.calibrate import calibrated
-from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.diagnose import diagnose_flights
 from tombo_diagnosis.flight.fit.prediction import residuals
 from tombo_diagnosis.flight.fit.track import track_of
 from tombo_dynamics.errors import InputError
@@ -33,7 +33,7 @@ def real():
 
 @pytest.fixture(scope="module")
 def diagnosis(real):
-    return diagnose(real, nominal())
+    return diagnose_flights(real, nominal())[0]
 
 
 @real_data
@@ -105,7 +105,7 @@ def test_measured_speeds_are_no_commands():
     assert "rotor_command" not in changed[0].series
     assert changed[0].series["rotor_speed"] is flights[0].series["rotor_speed"]
     assert 400.0 < float(speed_for_thrust(model.maps, model.vehicle.hover_thrust())) < 600.0
-    diagnosis = diagnose(flights, nominal())
+    diagnosis = diagnose_flights(flights, nominal())[0]
     assert "motor_lag" not in {c.effect for c in diagnosis.causes}
 
 
@@ -120,14 +120,14 @@ def test_poses_alone_of_a_vehicle_without_a_file_allow_no_more_than_their_number
         noisy = place.values + quick.normal(0.0, 0.004, place.values.shape)
         series["position"] = replace(place, values=noisy)
         flights.append(replace(log.with_series(series), airframe=FRAME))
-    diagnosis = diagnose(flights, nominal())
+    diagnosis = diagnose_flights(flights, nominal())[0]
     assert diagnosis.confidence <= (len(flights) + 1) / (len(flights) + 2) + 1e-9
     assert not {"gusts", "mocap_noise"} & {c.effect for c in diagnosis.causes}
 
 
 def test_drag_of_a_vehicle_without_a_file_is_found_with_its_size():
     """The nominal model of such a vehicle knows no drag: all is found, 0.3 N s/m."""
-    diagnosis = diagnose([as_other(log) for log in logs()], nominal())
+    diagnosis = diagnose_flights([as_other(log) for log in logs()], nominal())[0]
     drag = next(c for c in diagnosis.causes if c.effect == "linear_rotor_drag")
     assert next(f.value for f in drag.theta if f.name == "d_xy") == pytest.approx(0.3, rel=0.15)
 
@@ -143,7 +143,7 @@ def test_thrust_that_comes_late_is_not_called_a_wrong_stamp():
         f.with_series({**{k: f.series[k] for k in kept}, "rotor_speed": s})
         for f, s in zip(flights, early, strict=True)
     ]
-    diagnosis = diagnose(flights, nominal())
+    diagnosis = diagnose_flights(flights, nominal())[0]
     assert not {"mocap_stamp_error", "thrust_scatter"} & {c.effect for c in diagnosis.causes}
     remark = next(c.remark for c in diagnosis.candidates if c.effect == "mocap_stamp_error")
     assert "taken up" in remark
@@ -157,7 +157,7 @@ def test_wind_on_a_vehicle_without_a_file_is_named_with_its_speed():
     ]
     assert all("wind" in {f.check for f in flight.findings} for flight in flights)
     assert calibrated(flights)[0].effects["linear_rotor_drag"]["d_xy"] > 0.1
-    diagnosis = diagnose(flights, nominal())
+    diagnosis = diagnose_flights(flights, nominal())[0]
     assert diagnosis.verdict in ("named", "partly_explained")
     wind = next(c for c in diagnosis.causes if c.effect == "steady_wind")
     sizes = {f.name: f.value for f in wind.theta}
@@ -190,7 +190,7 @@ def test_without_motor_commands_there_is_no_model():
 def test_a_flight_without_commands_is_left_out_and_the_others_are_diagnosed():
     flights = [replace(log, airframe=FRAME) for log in logs(courses=SLOW, count=2, length=12.0)]
     series = {k: v for k, v in flights[0].series.items() if not k.startswith("rotor")}
-    diagnosis = diagnose([flights[0].with_series(series), flights[1]], nominal())
+    diagnosis = diagnose_flights([flights[0].with_series(series), flights[1]], nominal())[0]
     assert [f.name for f in diagnosis.flights] == [flights[1].name]
     left_out = next(f for f in diagnosis.prechecks if "no motor commands" in f.message)
     assert left_out.flight == flights[0].name

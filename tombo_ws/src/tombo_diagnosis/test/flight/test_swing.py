@@ -5,7 +5,7 @@ import math
 import pytest
 from measured_flights import logs, nominal
 
-from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.diagnose import diagnose_flights
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +24,7 @@ WIND = {
 @pytest.mark.parametrize(("count", "sensors"), [(1, "imu_rpm"), (2, "mocap_rpm")])
 def test_mean_amplitude_and_frequency_are_told(count, sensors):
     """To a tenth of the mean speed, and 0.01 Hz."""
-    diagnosis = diagnose(logs(WIND, 3, count, sensors, length=LENGTH), nominal())
+    diagnosis = diagnose_flights(logs(WIND, 3, count, sensors, length=LENGTH), nominal())[0]
     assert diagnosis.verdict == "named"
     (cause,) = diagnosis.causes
     assert cause.effect == "steady_wind" and cause.confidence > 0.9
@@ -50,7 +50,7 @@ GUSTS = {"deviation": 0.9, "time": 0.8}
     ids=["gusts", "push", "tether"],
 )
 def test_other_forces_are_no_swing_of_the_wind(hidden, more):
-    diagnosis = diagnose(logs(hidden, seed=6, length=LENGTH, **more), nominal())
+    diagnosis = diagnose_flights(logs(hidden, seed=6, length=LENGTH, **more), nominal())[0]
     named = {f.name for c in diagnosis.causes for f in c.theta}
     assert not named & {"swing_east", "swing_north", "frequency"}
     if not hidden:

@@ -10,7 +10,7 @@ from measured_flights import HEALTHY, LIVELY, ROTOR_DRAWS, SLOW, as_log, fly, lo
 from tombo_bag.flight import Series
 from tombo_diagnosis.flight import vehicle_fit
 from tombo_diagnosis.flight.calibrate import speed_in_hover
-from tombo_diagnosis.flight.diagnose import diagnose
+from tombo_diagnosis.flight.diagnose import diagnose_flights
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
 from tombo_diagnosis.flight.vehicle_fit import fit_drive, fit_vehicle
 from tombo_dynamics.errors import InputError
@@ -68,7 +68,7 @@ def test_each_flight_was_asked_back_against_the_others(fitted):
 
 def test_accused_healthy_flights_lower_the_confidence(flights, fitted):
     file = replace(fitted.file, healthy=replace(fitted.file.healthy, accused=3))
-    diagnosis = diagnose(held_against(flights[:1], file), nominal_model(vehicle=file))
+    diagnosis = diagnose_flights(held_against(flights[:1], file), nominal_model(vehicle=file))[0]
     assert diagnosis.confidence <= 1.0 / 5.0
 
 
@@ -101,7 +101,7 @@ def test_a_change_of_a_fitted_vehicle_is_still_found(fitted):
     """The spread of healthy flights does not hide a tenth more mass."""
     laden = logs(HIDDEN | {"mass_error": {"fraction": 0.12}}, seed=2, count=1)
     file = fitted.file
-    diagnosis = diagnose(held_against(laden, file), nominal_model(vehicle=file))
+    diagnosis = diagnose_flights(held_against(laden, file), nominal_model(vehicle=file))[0]
     assert diagnosis.verdict != "none"
 
 
@@ -116,7 +116,7 @@ def test_poses_alone_are_accepted_with_an_own_vehicle():
     (log,) = logs(count=1, sensors="poses")
     bare = log.with_series({k: log.series[k] for k in ("position", "attitude")})
     vehicle = read_vehicle("px4_x500")
-    diagnosis = diagnose(held_against([bare], vehicle), nominal_model(vehicle=vehicle))
+    diagnosis = diagnose_flights(held_against([bare], vehicle), nominal_model(vehicle=vehicle))[0]
     assert diagnosis.vehicle == vehicle.name and "thrust from the track" in diagnosis.model
 
 
@@ -130,7 +130,7 @@ def test_the_file_holds_what_was_fitted_and_what_healthy_flights_leave(fitted):
 
 def test_with_the_fitted_vehicle_nothing_is_wrong_any_more(flights, fitted):
     file = fitted.file
-    diagnosis = diagnose(held_against(flights, file), nominal_model(vehicle=file))
+    diagnosis = diagnose_flights(held_against(flights, file), nominal_model(vehicle=file))[0]
     assert diagnosis.verdict == "none"
     assert diagnosis.confidence <= 4.0 / 5.0  # three flights certify no more
 

@@ -1,4 +1,4 @@
-"""`diagnose`: measured flights and a nominal model in, a `Diagnosis` out."""
+"""`diagnose_flights`: measured flights and a nominal model in, a `Diagnosis` out."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -54,11 +53,6 @@ _MIN_NOISE = 1e-9
 """A simulated noise below this is rounding, in any unit."""
 _MAX_FLIGHTS_SHOWN = 8
 """Flights whose residuals go into the report."""
-
-
-def diagnose(logs: Sequence[Flight], nominal: NominalModel, **options: Any) -> Diagnosis:
-    """Report what the model gets wrong in measured flights: see `diagnose_flights`."""
-    return diagnose_flights(logs, nominal, **options)[0]
 
 
 def diagnose_flights(
