@@ -113,7 +113,7 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
         moment, unit = _moment(measured[drive], drive, t, usable, plant, log)
     seen = control.get("estimated_attitude") or measured.get("attitude")
     turns = None if seen is None else turns_at(seen, t)
-    position = _linear(place, t)
+    position = interpolated(t, place.t, place.values)
     gyro = measured.get("gyro")
     # of a loop that is computed elsewhere a set point holds since it came in
     asked = {name: _hold_samples(series, t, arrived=True) for name, series in control.items()}
@@ -121,7 +121,7 @@ def control_signals(log: Flight, plant: DrivePlant | None) -> ControlSignals | N
     rates = control.get("rates_setpoint")
     return ControlSignals(
         t,
-        {} if gyro is None else {"gyro": _linear(gyro, t)},
+        {} if gyro is None else {"gyro": interpolated(t, gyro.t, gyro.values)},
         usable,
         log.name,
         None if rates is None else _hold_samples(rates, t),
@@ -143,9 +143,11 @@ def _velocity(
 ) -> Array:
     """Return the velocity (N, 3) in map: as estimated, or of the positions."""
     if "estimated_velocity" in control:
-        return _linear(control["estimated_velocity"], t)
+        series = control["estimated_velocity"]
+        return interpolated(t, series.t, series.values)
     if "estimated_body_velocity" in control and turns is not None:
-        return np.asarray(turns.apply(_linear(control["estimated_body_velocity"], t)))
+        series = control["estimated_body_velocity"]
+        return np.asarray(turns.apply(interpolated(t, series.t, series.values)))
     return np.asarray(np.gradient(position, t, axis=0))
 
 
@@ -161,10 +163,6 @@ def _clean(log: Flight, name: str, raw: Series) -> Series:
     if cleaned.t.size and cleaned.values.shape[1] == 4 and "attitude" in name:
         return usable_turns(cleaned)
     return cleaned
-
-
-def _linear(series: Series, t: Array) -> Array:
-    return interpolated(t, series.t, series.values)
 
 
 def _hold_samples(series: Series, t: Array, arrived: bool = False) -> Array:

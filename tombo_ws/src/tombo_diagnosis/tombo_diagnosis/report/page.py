@@ -99,7 +99,6 @@ def report_page(
     title: str,
     sections: Sequence[Section],
     *,
-    eyebrow: str = "Tombo diagnosis",
     summary: str = "",
     what: str = "flight",
     data: Mapping[str, Any] | None = None,
@@ -110,8 +109,7 @@ def report_page(
         diagnosis: its content.
         title: the verdict as one sentence.
         sections: the first ones, that depend on the kind of data.
-        eyebrow: small line above the title.
-        summary: below it; empty: that of the diagnosis.
+        summary: below the title; empty: that of the diagnosis.
         what: the data are of: flight or table.
         data: for programs; None: that of the diagnosis.
     """
@@ -120,7 +118,7 @@ def report_page(
     vehicle = f", vehicle {flew}" if flew else ""
     return Page(
         title=title,
-        eyebrow=eyebrow,
+        eyebrow="Tombo diagnosis" if what == "flight" else "Tombo thrust stand",
         verdict=badge(diagnosis),
         verdict_style=STYLES[diagnosis.verdict],
         headline=title,

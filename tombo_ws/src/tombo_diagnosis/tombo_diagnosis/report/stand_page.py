@@ -79,7 +79,6 @@ def stand_page(stand: StandDiagnosis) -> Page:
             Section("k_T", [] if k is None else _constant(k)),
             *cause_sections(diagnosis),
         ],
-        eyebrow="Tombo thrust stand",
         what="table",
         data=stand_mapping(stand),
     )

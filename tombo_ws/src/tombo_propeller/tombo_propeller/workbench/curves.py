@@ -147,17 +147,10 @@ def top_speed(configuration: Configuration) -> float:
     return min(SPEED_LIMIT, SPEED_LIMIT * paper_tip_m / configuration.blade.tip_radius_m)
 
 
-def force_share(choice: ChosenPropeller, library: Library, speed_rad_s: Any) -> Any:
-    """Return how hard a blade strikes at a speed, over the paper's blade at 2000 rpm."""
-    paper = library.blades[PAPER]
-    share = 1.0 if choice.on_paper_blade else strike_share(choice.blade, paper)
-    return share * speed_rad_s / (BENCH_RPM * RPM)
-
-
 def bench_force(choice: ChosenPropeller, library: Library) -> tuple[float, float, float, str]:
     """Return value, low and high end [N] of the force at 2000 rpm, and how it is known.
 
-    Of the paper's blade; `force_share` takes it to another blade or speed.
+    Of the paper's blade; `_force` takes it to another blade or speed.
     """
     chosen = choice.configuration
     taken = chosen.measured.collision_force_N if chosen.measured else None
@@ -205,7 +198,8 @@ def _modelled(
 
 def _force(choice: ChosenPropeller, rpm: Array, library: Library) -> dict[str, Any]:
     value, low, high, known = bench_force(choice, library)
-    share = force_share(choice, library, rpm * RPM)
+    blade = 1.0 if choice.on_paper_blade else strike_share(choice.blade, library.blades[PAPER])
+    share = blade * (rpm * RPM) / (BENCH_RPM * RPM)
     text = (
         f"{known} at 2000 rpm, extrapolated in proportion to speed; band: {_CONFIDENCE:.0%} to "
         "each side of a single reading"

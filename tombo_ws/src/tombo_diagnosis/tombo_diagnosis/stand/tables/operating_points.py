@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -57,10 +57,8 @@ class OperatingPoints:
 
     def only(self, keep: Mask) -> OperatingPoints:
         """Return the points where `keep` (N,) is true; propellers and runs keep their numbers."""
-        arrays = {f.name: getattr(self.setup, f.name) for f in fields(self.setup)}
-        chosen: dict[str, Any] = {
-            k: v[keep] for k, v in arrays.items() if isinstance(v, np.ndarray) and v.size
-        }
+        arrays = {k: v for k, v in vars(self.setup).items() if isinstance(v, np.ndarray)}
+        chosen: dict[str, Any] = {k: v[keep] for k, v in arrays.items() if v.size}
         return replace(
             self,
             setup=replace(self.setup, **chosen),
