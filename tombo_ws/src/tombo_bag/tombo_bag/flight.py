@@ -34,6 +34,11 @@ class Series:
     arrival: Array | None = None
     """(N,) when each sample came in [s], same clock; None where nothing says it."""
 
+    def at(self, rows: NDArray[Any] | slice) -> Series:
+        """Return these rows of it: a mask (N,), indices or a slice."""
+        arrival = None if self.arrival is None else self.arrival[rows]
+        return Series(self.t[rows], self.values[rows], arrival)
+
 
 class Topic(dict[str, Series]):
     """The messages of one topic: field of the message → series.

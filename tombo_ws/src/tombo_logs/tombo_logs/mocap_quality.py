@@ -16,13 +16,12 @@ from tombo_bag.flight import Flight, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_flight.replay.poses import find_up_axis
-from tombo_logs.checks.clocks.gaps import LONG_S, gap_spans
-from tombo_logs.checks.clocks.timestamps import arrival_stamps
+from tombo_logs.checks.clocks.stamps import LONG_S, arrival_stamps, gap_spans
 from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
-from tombo_logs.checks.frozen_values import frozen_spans
 from tombo_logs.checks.imu import MAX_TURN_RAD
 from tombo_logs.checks.pipeline import findings_of
 from tombo_logs.checks.pose_imu_consistency import alignment, time_offset
+from tombo_logs.checks.samples import frozen_spans
 from tombo_logs.checks.spans import runs, sample_interval, white_noise
 
 LEAST_RATE_HZ = 30.0

@@ -11,7 +11,7 @@ from tombo_diagnosis.flight.diagnose import diagnose_flights
 from tombo_diagnosis.flight.nominal import nominal_model
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
-from tombo_logs.checks.rotors.hover import hover_of
+from tombo_logs.checks.rotors.motors import hover_of
 
 pytestmark = pytest.mark.slow
 

@@ -23,7 +23,7 @@ from tombo_logs.checks.even_flight import (
     usable_turns,
 )
 from tombo_logs.checks.ground import ground_spans
-from tombo_logs.checks.series_cleaning import clean_series, nothing_left
+from tombo_logs.checks.samples import clean_series, nothing_left
 from tombo_logs.checks.spans import Mask, inside, interpolated, sample_interval
 
 _RATE: Final = (50.0, 1000.0)

@@ -18,7 +18,7 @@ from tombo_diagnosis.track_smoothing import position_noise, smooth_track
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.clocks.timestamps import jitter
+from tombo_logs.checks.clocks.stamps import jitter
 from tombo_logs.checks.even_flight import (
     EVENT_WIDTH,
     PUSH_WIDTH,
@@ -29,10 +29,9 @@ from tombo_logs.checks.even_flight import (
     turns_at,
     usable_turns,
 )
-from tombo_logs.checks.frozen_values import interpolated_spans
 from tombo_logs.checks.ground import ground_spans
 from tombo_logs.checks.recording import recorded
-from tombo_logs.checks.series_cleaning import nothing_left
+from tombo_logs.checks.samples import interpolated_spans, nothing_left
 from tombo_logs.checks.spans import Mask, check_extent, inside, interpolated, sample_interval
 
 RATE: Final = 100.0

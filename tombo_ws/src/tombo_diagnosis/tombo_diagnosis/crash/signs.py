@@ -16,7 +16,7 @@ from tombo_diagnosis.crash.motion import RATE, UPSET_TILT_RAD, CrashMotion
 from tombo_diagnosis.rotor_demand import MODES
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
-from tombo_logs.checks.clocks.gaps import gap_spans
+from tombo_logs.checks.clocks.stamps import gap_spans
 from tombo_logs.checks.spans import Mask, interpolated, runs, sample_interval
 
 IntArray = NDArray[np.int64]

@@ -43,7 +43,7 @@ from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_flight.vehicle_file import read_vehicle
 from tombo_logs.checks import check_log
 from tombo_logs.checks.pipeline import POSE
-from tombo_logs.checks.rotors.hover import Hover, hover_of
+from tombo_logs.checks.rotors.motors import Hover, hover_of
 from tombo_logs.readers.log_reader import read_logs
 from tombo_logs.readers.vehicle_airframe import vehicle_of
 

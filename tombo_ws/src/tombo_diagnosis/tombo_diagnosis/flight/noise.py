@@ -22,7 +22,7 @@ from tombo_diagnosis.flight.fit.track import TICK, Track
 from tombo_diagnosis.flight.nominal import PARAMETERS, NominalModel
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply
-from tombo_logs.checks.clocks.timestamps import jitter
+from tombo_logs.checks.clocks.stamps import jitter
 from tombo_logs.checks.spans import block_means
 from tombo_sim.inverse_simulation import simulate_imu_at_rest, simulate_mocap
 

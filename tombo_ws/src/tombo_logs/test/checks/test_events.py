@@ -18,8 +18,8 @@ from made_flight import (
 from tombo_bag.flight import Airframe
 from tombo_dynamics.errors import InputError
 from tombo_logs.checks import check_log
-from tombo_logs.checks.rotors.hover import Hover
-from tombo_logs.checks.series_cleaning import without_wrong_poses
+from tombo_logs.checks.rotors.motors import Hover
+from tombo_logs.checks.samples import without_wrong_poses
 
 FLIGHT = made_flight(duration=24.0)
 

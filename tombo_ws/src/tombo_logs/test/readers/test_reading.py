@@ -8,8 +8,7 @@ from log_writers import table_text, write_bag, write_ulog
 from made_flight import made_flight
 
 from tombo_dynamics.errors import InputError
-from tombo_logs.readers.log_names import flight_names
-from tombo_logs.readers.log_reader import read_logs
+from tombo_logs.readers.log_reader import flight_names, read_logs
 
 FLIGHT = made_flight(duration=6.0, mocap_hz=50.0, imu_hz=100.0)
 OTHER = made_flight(duration=6.0, mocap_hz=50.0, imu_hz=100.0, seed=1)

@@ -8,7 +8,7 @@ import numpy as np
 
 from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Series
-from tombo_logs.checks.clocks.gaps import gap_spans
+from tombo_logs.checks.clocks.stamps import gap_spans
 from tombo_logs.checks.spans import Span, inside, merged
 
 IMU = ("gyro", "accel")

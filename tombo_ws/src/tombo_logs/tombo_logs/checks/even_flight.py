@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
-from tombo_logs.checks.clocks.gaps import gap_spans
+from tombo_logs.checks.clocks.stamps import gap_spans
 from tombo_logs.checks.spans import Mask, Span, check_extent, inside, interpolated, sample_interval
 from tombo_logs.readers.frames import is_usable
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks.clocks.timestamps import jitter
+from tombo_logs.checks.clocks.stamps import jitter
 from tombo_logs.checks.even_flight import POSE_WIDTH
 from tombo_logs.checks.spans import block_means, runs, sample_interval
 from tombo_logs.readers.frames import is_usable

@@ -21,7 +21,7 @@ from tombo_logs.checks.pose_imu_consistency import (
 )
 from tombo_logs.checks.scales import gyro_scales
 from tombo_logs.checks.spans import Mask
-from tombo_logs.checks.unit_mistakes import guess
+from tombo_logs.readers.units import guess
 
 _DRAG_SEEN = 0.9
 """Sum of both correlations that decides on the axes."""

@@ -11,18 +11,16 @@ from tombo_bag.channels import DRIVES, ROTOR_SPEEDS
 from tombo_bag.flight import Finding, Flight, RefusedLog, Series, why_left_out
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks import coverage, events, frozen_values, impacts, imu, poses, sensor_range
+from tombo_logs.checks import coverage, events, impacts, imu, poses, samples
 from tombo_logs.checks.clocks.clock_rates import common_clock
-from tombo_logs.checks.clocks.gaps import gaps
-from tombo_logs.checks.clocks.timestamps import arrival_stamps
+from tombo_logs.checks.clocks.stamps import arrival_stamps, gaps
 from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
 from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
 from tombo_logs.checks.recording import drop_faulty, recorded
 from tombo_logs.checks.rotors import motors, rotor_order
-from tombo_logs.checks.rotors.hover import Hover, check_vehicle
+from tombo_logs.checks.rotors.motors import Hover
 from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
 from tombo_logs.checks.scales import accel_offsets, rotor_scales, track_scales
-from tombo_logs.checks.series_cleaning import without_wrong_poses
 from tombo_logs.checks.spans import Mask, Span, inside, merged
 from tombo_logs.checks.wind import wind
 
@@ -44,7 +42,7 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
 
     Args:
         log: as read.
-        hover: how the vehicle of the nominal model hovers (`rotors.hover.hover_of`), to see that
+        hover: how the vehicle of the nominal model hovers (`rotors.motors.hover_of`), to see that
             it is the vehicle that flew; None, or a log with an airframe of its own: not checked.
         needed: channels without which the flight can't be used, position at least. Without an
             attitude, what would be compared with it is not checked.
@@ -55,7 +53,7 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
     """
     series, findings = recorded(log)
     if "position" in series:
-        series["position"], more = without_wrong_poses(log.name, series["position"])
+        series["position"], more = samples.without_wrong_poses(log.name, series["position"])
         findings += more
     _check_there(log.name, series, findings, needed)
     poses.check_values(log.name, series)
@@ -64,7 +62,7 @@ def check_log(log: Flight, hover: Hover | None = None, needed: Sequence[str] = P
         finding
         for name in _MOVING
         if name in series
-        for finding in frozen_values.unmeasured(log.name, name, series[name])
+        for finding in samples.unmeasured(log.name, name, series[name])
     ]
     lost = _spans(f for f in stood_still if f.channel in POSE)
     position = series["position"]
@@ -151,12 +149,11 @@ def _limit_spans(
     for name in _IMU:
         if name in series:
             flying = _flying(series[name], down)
-            at, limited = sensor_range.clipped(flight, name, series[name], flying)
+            spans, limited = samples.limit_spans(flight, name, series[name], flying)
             findings += limited
-            if sensor_range.is_mostly_clipped(at, flying):
+            apart += spans or []
+            if spans is None:
                 del series[name]
-            elif limited:
-                apart += sensor_range.spans_at_limit(series[name].t, at)
     return apart, findings
 
 
@@ -287,7 +284,7 @@ def _motors(
             if name in series
         }
         rose = rises(series["position"])
-        findings += drop_faulty(series, check_vehicle(flight, drives, hover, rose))
+        findings += drop_faulty(series, motors.check_vehicle(flight, drives, hover, rose))
     return findings
 
 

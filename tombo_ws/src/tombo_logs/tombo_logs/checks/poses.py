@@ -12,7 +12,7 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.even_flight import EvenFlight
 from tombo_logs.checks.pose_imu_consistency import force_response, tilt_response
 from tombo_logs.checks.spans import white_noise
-from tombo_logs.checks.unit_mistakes import guess
+from tombo_logs.readers.units import guess
 
 _SIZES = (0.4, 2.5)
 """Acceleration of the track over what its lean gives: drag and wind change it by far less."""

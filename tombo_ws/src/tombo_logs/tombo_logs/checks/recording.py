@@ -14,8 +14,8 @@ from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Flight, RefusedLog, Series
 from tombo_dynamics.pose_tracks import bodies_apart
 from tombo_logs.checks.clocks.clock_offsets import one_clock
-from tombo_logs.checks.clocks.time_units import check_pose_rate, no_common_time, other_units
-from tombo_logs.checks.series_cleaning import clean_series, nothing_left
+from tombo_logs.checks.clocks.stamps import check_pose_rate, no_common_time, other_units
+from tombo_logs.checks.samples import clean_series, nothing_left
 
 _STEADY: Final = 1e-6
 """Range of a command over its size below which it never changes."""

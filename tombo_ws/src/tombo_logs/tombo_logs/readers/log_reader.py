@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +18,6 @@ from tombo_flight.recorded_flight import read_flight
 from tombo_logs.readers.bag_log import read_bag
 from tombo_logs.readers.csv_log import read_csv
 from tombo_logs.readers.csv_mapping import LogMapping, load_mapping
-from tombo_logs.readers.log_names import flight_names
 from tombo_logs.readers.tlog import read_tlog
 from tombo_logs.readers.ulog import MAGIC as ULOG_MAGIC
 from tombo_logs.readers.ulog import read_ulog
@@ -26,6 +26,8 @@ from tombo_px4.telemetry_log import is_tlog
 READABLE = "MCAP, rosbag2 folder, ROS 1 bag, PX4 ULog, telemetry log (tlog), CSV, CSV.gz"
 _BAG_MAGIC = (MCAP_MAGIC, SQLITE_MAGIC, b"#ROSBAG", ZSTD_MAGIC)
 _LOG_SUFFIXES = (*SUFFIXES, ".ulg", ".tlog", ".csv", ".csv.gz", ".tsv")
+_ENDINGS = (".gz", ".csv", ".ulg", ".tlog", ".bag", ".zstd", ".mcap", ".db3")
+_GENERIC_NAME = re.compile(r"(flight|log|bag|rosbag|record(ing)?|data)?[0_-]*", re.IGNORECASE)
 
 
 def read_logs(
@@ -147,6 +149,30 @@ def _pieces(bags: Sequence[Path]) -> bool:
     stems = {p.name.split(".")[0].rpartition("_")[::2] for p in bags}
     name, _ = next(iter(stems))
     return stems == {(name, str(i)) for i in range(len(bags))}
+
+
+def flight_names(paths: Sequence[Path]) -> list[str]:
+    """Return a name for each path: that of the file, with folders or a number where it is twice.
+
+    A file with a generic name that is alone in its folder has the folder's name.
+    """
+    alone = Counter(path.absolute().parent for path in paths)
+    parts = [_parts(path, alone[path.absolute().parent] == 1) for path in paths]
+    for depth in range(1, max(map(len, parts), default=0) + 1):
+        names = ["/".join(p[-depth:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{'/'.join(p[-1:])}#{k}" for k, p in enumerate(parts, 1)]
+
+
+def _parts(path: Path, alone: bool) -> tuple[str, ...]:
+    """Return the folders of a path and its name without endings."""
+    *folders, name = path.absolute().parts[1:]
+    while name.endswith(_ENDINGS):
+        name = name.rpartition(".")[0]
+    if alone and folders and _GENERIC_NAME.fullmatch(name) and not path.is_dir():
+        return tuple(folders)
+    return (*folders, name)
 
 
 def _adapted(log: Flight, mapping: LogMapping | None) -> Flight:

@@ -17,7 +17,7 @@ from tombo_bag.channels import DRIVES
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY
-from tombo_logs.checks.clocks.gaps import gap_spans
+from tombo_logs.checks.clocks.stamps import gap_spans
 from tombo_logs.checks.even_flight import (
     RATE,
     EvenFlight,
@@ -27,7 +27,7 @@ from tombo_logs.checks.even_flight import (
     unit_rows,
     usable_turns,
 )
-from tombo_logs.checks.frozen_values import interpolated_spans
+from tombo_logs.checks.samples import interpolated_spans
 from tombo_logs.checks.spans import Mask, inside
 
 DELAY_S: Final = 0.25
