@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from tombo_bag.flight import Series
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.rotation import conjugate, quaternion_multiply, unwrap_quaternions
+from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.checks.clocks.stamps import gap_spans
 from tombo_logs.checks.spans import Mask, Span, check_extent, inside, interpolated, sample_interval
 from tombo_logs.readers.frames import is_usable
@@ -39,6 +40,8 @@ INDEPENDENT: Final = RATE * POSE_WIDTH * 2.0 * np.sqrt(np.pi)
 _REACH: Final = 4.0
 """Half length of a Gaussian, in widths."""
 _ABSENT: Final = np.zeros((0, 3))
+_LEAST_COMPARED: Final = 100
+"""Rows."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,21 @@ class EvenFlight:
     def rates(self) -> Array:
         """(N, 3) body rates [rad/s]."""
         return self.channels["rates"]
+
+    @property
+    def force(self) -> Array:
+        """(N, 3) specific force that the poses give, in base_link [m/s^2]."""
+        force = self.acceleration + np.array([0.0, 0.0, GRAVITY])
+        return np.asarray(Rotation.from_quat(self.attitude).inv().apply(force))
+
+    @property
+    def felt(self) -> Array:
+        """(N, 3) the accelerometer's reading, turned into map by the attitude [m/s^2]."""
+        return np.asarray(Rotation.from_quat(self.attitude).apply(self.accel))
+
+    def has(self, channel: Array) -> bool:
+        """Return whether the log has a channel (N, k), and enough rows to compare it."""
+        return bool(channel.size) and np.count_nonzero(self.valid) >= _LEAST_COMPARED
 
     @property
     def acceleration(self) -> Array:
@@ -164,9 +182,8 @@ def known_at(series: Series, t: Array, within: float) -> Mask:
 
 def usable_turns(attitude: Series) -> Series:
     """Return the attitudes that can be used, with the sign of the one before."""
-    usable = is_usable(attitude.values)
-    arrival = None if attitude.arrival is None else attitude.arrival[usable]
-    return Series(attitude.t[usable], unwrap_quaternions(attitude.values[usable]), arrival)
+    turns = attitude.at(is_usable(attitude.values))
+    return replace(turns, values=unwrap_quaternions(turns.values))
 
 
 def unit_rows(q: Array) -> Array:

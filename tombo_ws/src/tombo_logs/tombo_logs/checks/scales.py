@@ -10,17 +10,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tombo_bag.flight import Finding, Series
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.vehicle import GRAVITY, ROTOR_NAMES
+from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_logs.checks.even_flight import INDEPENDENT, EvenFlight
 from tombo_logs.checks.spans import Mask, interpolated
 
 _SIGMAS = 3.0
 _FEWEST = 100
-"""Rows that are compared at least."""
+"""Commands that are compared at least."""
 _TOGETHER = 0.6
 """Correlation from which on two signals are the same quantity."""
 _TURNS, _ACCELERATES = 0.04, 0.3
@@ -48,7 +47,7 @@ def gyro_scales(flight: str, motion: EvenFlight, late_s: float) -> list[Finding]
         motion: of poses and IMU.
         late_s: delay of the poses' stamps against the gyro's.
     """
-    if not _is_compared(motion, motion.gyro):
+    if not motion.has(motion.gyro):
         return []
     rates = interpolated(motion.t + late_s, motion.t, motion.rates)[motion.valid]
     gyro = motion.gyro[motion.valid]
@@ -58,23 +57,21 @@ def gyro_scales(flight: str, motion: EvenFlight, late_s: float) -> list[Finding]
 
 def accel_offsets(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report axes of the accelerometer that on average read another force than the poses give."""
-    if not _is_compared(motion, motion.accel):
+    if not motion.has(motion.accel):
         return []
-    force = motion.acceleration[motion.valid] + np.array([0.0, 0.0, GRAVITY])
-    expected = Rotation.from_quat(motion.attitude[motion.valid]).inv().apply(force)
-    limits = [_ACROSS_OFFSET, _ACROSS_OFFSET, _ALONG_OFFSET]
-    return _offsets(flight, "accel", expected, motion.accel[motion.valid], limits)
+    good, limits = motion.valid, [_ACROSS_OFFSET, _ACROSS_OFFSET, _ALONG_OFFSET]
+    return _offsets(flight, "accel", motion.force[good], motion.accel[good], limits)
 
 
 def track_scales(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report axes of the map along which the track accelerates otherwise than the IMU says."""
-    if not _is_compared(motion, motion.accel):
+    if not motion.has(motion.accel):
         return []
     good = motion.valid
-    expected = Rotation.from_quat(motion.attitude[good]).apply(motion.accel[good])
     what = "the accelerometer's, turned by the attitude"
     limits = _ACCELERATES, _TRACK_SCALE
-    return _scales(flight, "position", expected, motion.acceleration[good], limits, what)
+    track = motion.acceleration[good]
+    return _scales(flight, "position", motion.felt[good], track, limits, what)
 
 
 def rotor_scales(flight: str, channel: str, command: Series, flying: Mask) -> list[Finding]:
@@ -116,10 +113,6 @@ def _ratio(expected: Array, found: Array, least: float) -> tuple[float, float] |
 
 def _is_beyond(bracket: tuple[float, float], limit: float) -> bool:
     return bracket[0] > limit or bracket[1] < 1.0 / limit
-
-
-def _is_compared(motion: EvenFlight, channel: Array) -> bool:
-    return bool(channel.size) and np.count_nonzero(motion.valid) >= _FEWEST
 
 
 def _scales(

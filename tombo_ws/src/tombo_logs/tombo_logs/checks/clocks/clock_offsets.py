@@ -6,9 +6,9 @@ a rotor, lasts a quarter of a second at most; beyond it the stamps are those of 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.signal import correlate
@@ -20,7 +20,6 @@ from tombo_dynamics.vehicle import ARM_X, ARM_Y, GRAVITY
 from tombo_logs.checks.clocks.stamps import gap_spans
 from tombo_logs.checks.even_flight import (
     RATE,
-    EvenFlight,
     accelerations,
     beside_poses,
     body_rates,
@@ -52,8 +51,17 @@ _MOMENTS: Final = np.array([ARM_Y, -ARM_X])
 """Rows: moment of a rotor's thrust about body x and y."""
 _AHEAD_S: Final = 0.002
 """s by which stamps may be later than arrival: two clocks that are kept together are so close."""
-_SIGNAL: Final = "signal"
-"""Channel (N, k): the motion as a sensor sees it, on an even clock of `RATE`; valid: measured."""
+
+
+class Signal(NamedTuple):
+    """The motion as a sensor sees it, on an even clock of `RATE`."""
+
+    t: Array
+    """(N,) s"""
+    values: Array
+    """(N, k), 0 where they are not known."""
+    known: Mask
+    """(N,) rows in which the channel was measured."""
 
 
 @dataclass(frozen=True)
@@ -85,16 +93,16 @@ class Match:
         return not self.is_other_clock and self.at_once >= min(_MATCH, _SIGMAS * self.usual)
 
 
-def match(first: EvenFlight, other: EvenFlight) -> Match | None:
+def match(first: Signal, other: Signal) -> Match | None:
     """Return how well two signals go together at the best lag; None: too short.
 
     Correlated at each lag are the rows that both have there (Padfield, 2012), by the sum of the
     singular values of their covariance: whatever the axes of each, turned or mirrored.
     """
-    if min(np.count_nonzero(s.valid) for s in (first, other)) < _SHORTEST_S * RATE:
+    if min(np.count_nonzero(s.known) for s in (first, other)) < _SHORTEST_S * RATE:
         return None
-    a, b = (s.valid.astype(np.float64) for s in (first, other))
-    columns_a, columns_b = (s.channels[_SIGNAL].T for s in (first, other))
+    a, b = (s.known.astype(np.float64) for s in (first, other))
+    columns_a, columns_b = first.values.T, other.values.T
 
     def over(x: Array, y: Array) -> Array:
         return np.asarray(correlate(y, x, "full", "fft"))
@@ -128,16 +136,15 @@ def match(first: EvenFlight, other: EvenFlight) -> Match | None:
     )
 
 
-def _throughout(first: EvenFlight, other: EvenFlight, seen: Match) -> bool:
+def _throughout(first: Signal, other: Signal, seen: Match) -> bool:
     """Return whether one half of the flight has the same lag, and none has another.
 
     Clocks differ all the time; the echo of a blow is not a clock.
     """
     halves = []
-    for part in np.array_split(np.flatnonzero(first.valid), 2):
+    for part in np.array_split(np.flatnonzero(first.known), 2):
         rows = slice(part[0], part[-1] + 1)
-        seen_half = {_SIGNAL: first.channels[_SIGNAL][rows]}
-        half = EvenFlight(first.t[rows], seen_half, np.asarray(first.valid[rows]))
+        half = Signal(first.t[rows], first.values[rows], first.known[rows])
         halves.append(match(half, other))
     clear = [m for m in halves if m is not None and (m.is_one_clock or m.is_other_clock)]
     return bool(clear) and all(
@@ -145,12 +152,20 @@ def _throughout(first: EvenFlight, other: EvenFlight, seen: Match) -> bool:
     )
 
 
-def _signal(t: Array, values: Array, *channels: Series) -> EvenFlight | None:
-    """Return values (N, k) with their outliers cut, known where all channels were measured."""
+def _signal(
+    series: Series, quantity: Callable[[Series, Array], Array] = beside_poses
+) -> Signal | None:
+    """Return what a channel shows, with its outliers cut; None: it is too short or too long.
+
+    `quantity` returns that (N, k) of a series, at times (N,) of an even clock.
+    """
+    if not series.t.size or not _SHORTEST_S <= float(series.t[-1] - series.t[0]) < _LONGEST_S:
+        return None
+    t = np.arange(series.t[0], series.t[-1], 1.0 / RATE)
+    values = quantity(series, t)
+    missing = [*gap_spans(series.t), *interpolated_spans(series.t, series.values)]
     known: Mask = np.asarray(np.isfinite(values).all(axis=1))
-    for series in channels:
-        missing = [*gap_spans(series.t), *interpolated_spans(series.t, series.values)]
-        known &= ~inside(t, missing) & (t >= series.t[0]) & (t <= series.t[-1])
+    known &= ~inside(t, missing) & (t <= series.t[-1])
     if not known.any():
         return None
     off = values - np.median(values[known], axis=0)
@@ -158,69 +173,51 @@ def _signal(t: Array, values: Array, *channels: Series) -> EvenFlight | None:
         np.mean(np.minimum(off**2, np.quantile(off[known] ** 2, 0.95, axis=0)), axis=0)
     )
     limit = _OUTLIER * usual
-    cut = np.where(known[:, None], np.clip(off, -limit, limit), 0.0)
-    return EvenFlight(t, {_SIGNAL: cut}, known)
+    return Signal(t, np.where(known[:, None], np.clip(off, -limit, limit), 0.0), known)
 
 
-def _even(series: Series) -> Array:
-    """Return even times [s] over a channel; none over one that is too short or too long."""
-    compared = series.t.size and _SHORTEST_S <= float(series.t[-1] - series.t[0]) < _LONGEST_S
-    return np.arange(series.t[0], series.t[-1], 1.0 / RATE) if compared else np.zeros(0)
-
-
-def _channel(series: Series) -> EvenFlight | None:
-    t = _even(series)
-    return _signal(t, beside_poses(series, t), series) if t.size else None
-
-
-def _rates(attitude: Series) -> EvenFlight | None:
-    """Return the body rates of an attitude (N, 3)."""
-    turns = usable_turns(attitude)
-    t = _even(turns)
-    if not t.size:
-        return None
+def _rates(turns: Series, t: Array) -> Array:
+    """Return the body rates (N, 3) of usable attitudes."""
     q = unit_rows(beside_poses(turns, t))
-    return _signal(t, body_rates(q, np.gradient(q, 1.0 / RATE, axis=0)), turns)
+    return body_rates(q, np.gradient(q, 1.0 / RATE, axis=0))
 
 
-def _force(series: Mapping[str, Series], name: str) -> EvenFlight | None:
-    """Return the size of the specific force (N, 1), of the accelerometer or of the track."""
-    t = _even(series[name])
-    if not t.size:
-        return None
-    if name == "accel":
-        force = beside_poses(series[name], t)
-    else:
-        force = accelerations(series[name], t) + np.array([0.0, 0.0, GRAVITY])
-    return _signal(t, np.linalg.norm(force, axis=1)[:, None], series[name])
+def _felt_force(accel: Series, t: Array) -> Array:
+    """Return the size of an accelerometer's specific force (N, 1)."""
+    return np.linalg.norm(beside_poses(accel, t), axis=1)[:, None]
 
 
-def _turning(rates: EvenFlight | None) -> EvenFlight | None:
+def _track_force(position: Series, t: Array) -> Array:
+    """Return the size of a track's specific force (N, 1)."""
+    force = accelerations(position, t) + np.array([0.0, 0.0, GRAVITY])
+    return np.linalg.norm(force, axis=1)[:, None]
+
+
+def _turning(rates: Signal | None) -> Signal | None:
     """Return the acceleration about body x and y (N, 2), each over its own size."""
     if rates is None:
         return None
-    values = np.gradient(rates.channels[_SIGNAL][:, :2], 1.0 / RATE, axis=0)
-    return replace(rates, channels={_SIGNAL: _scaled(values)})
+    values = np.gradient(rates.values[:, :2], 1.0 / RATE, axis=0)
+    return rates._replace(values=_scaled(values))
 
 
-def _moments(drive: Series) -> EvenFlight | None:
+def _moments(drive: Series) -> Signal | None:
     """Return the moments about body x and y that drives ask for (N, 2), each over its own size."""
-    thrust = _channel(Series(drive.t, drive.values**2))
-    if thrust is None:
-        return None
-    return replace(thrust, channels={_SIGNAL: _scaled(thrust.channels[_SIGNAL] @ _MOMENTS.T)})
+    thrust = _signal(Series(drive.t, drive.values**2))
+    return None if thrust is None else thrust._replace(values=_scaled(thrust.values @ _MOMENTS.T))
 
 
 def _scaled(values: Array) -> Array:
     return np.asarray(values / np.maximum(values.std(axis=0), 1e-12))
 
 
-def _compared(first: EvenFlight | None, other: EvenFlight | None) -> Match | None:
+def _compared(first: Signal | None, other: Signal | None) -> Match | None:
     """Return the match of two signals; None: too short, or not the same all along."""
-    seen = None if first is None or other is None else match(first, other)
-    if first is None or other is None or seen is None or not seen.is_other_clock:
-        return seen
-    return seen if _throughout(first, other, seen) else None
+    if first is None or other is None:
+        return None
+    seen = match(first, other)
+    echo = seen is not None and seen.is_other_clock and not _throughout(first, other, seen)
+    return None if echo else seen
 
 
 def one_clock(
@@ -236,7 +233,7 @@ def one_clock(
     findings = _by_arrival(flight, series)
     seen: list[tuple[list[str], Match]] = []
 
-    def align(names: list[str], first: EvenFlight | None, other: EvenFlight | None) -> None:
+    def align(names: list[str], first: Signal | None, other: Signal | None) -> None:
         compared = _compared(first, other)
         if compared is not None:
             seen.append((names, compared))
@@ -250,9 +247,9 @@ def one_clock(
     if imu and "position" in series:
         poses: list[str] = [name for name in ("position", "attitude") if name in series]
         align(poses, *_pair(series, imu[0])[::-1])
-    rates = _channel(series["gyro"]) if "gyro" in series else None
+    rates = _signal(series["gyro"]) if "gyro" in series else None
     if rates is None and "attitude" in series:
-        rates = _rates(series["attitude"])
+        rates = _signal(usable_turns(series["attitude"]), _rates)
     for name in DRIVES:
         if name in series:
             align([name], _turning(rates), _moments(series[name]))
@@ -272,12 +269,12 @@ def _shift(series: dict[str, Series], names: Iterable[str], seconds: float) -> N
         series[name] = replace(series[name], t=series[name].t + seconds)
 
 
-def _pair(series: Mapping[str, Series], name: str) -> tuple[EvenFlight | None, EvenFlight | None]:
+def _pair(series: Mapping[str, Series], name: str) -> tuple[Signal | None, Signal | None]:
     """Return the same quantity from the poses and from a channel of the IMU."""
     if name == "gyro" and "attitude" in series:
-        return _rates(series["attitude"]), _channel(series["gyro"])
-    if name == "accel" or "accel" in series:
-        return _force(series, "position"), _force(series, "accel")
+        return _signal(usable_turns(series["attitude"]), _rates), _signal(series["gyro"])
+    if "accel" in series:
+        return _signal(series["position"], _track_force), _signal(series["accel"], _felt_force)
     return None, None
 
 
@@ -291,20 +288,21 @@ def _offset_findings(flight: str, names: list[str], seen: Match) -> list[Finding
     """Report a clock that is not that of the compared channels, or one that can't be known."""
     if seen.is_one_clock:
         return []
-    channels, lag = ", ".join(names), seen.lag
-    severity, key = "info", "unknown clock"
-    numbers: tuple[float, ...] = ()
-    text = (
-        f"{channels}: the motion does not tell whether the stamps are of the clock of the other "
-        "channels"
-    )
-    if seen.is_other_clock:
-        severity, key, numbers = "warning", "other clock", (lag,)
+    if not seen.is_other_clock:
         text = (
-            f"{channels}: stamps are {abs(lag):.2f} s {'later' if lag > 0.0 else 'earlier'} than "
-            "those of the other channels for the same motion: another clock; corrected by that"
+            f"{', '.join(names)}: the motion does not tell whether the stamps are of the clock of "
+            "the other channels"
         )
-    return [Finding("stamps", severity, flight, text, channel=names[0], key=key, numbers=numbers)]
+        return [Finding("stamps", "info", flight, text, channel=names[0], key="unknown clock")]
+    text = (
+        f"{', '.join(names)}: stamps are {abs(seen.lag):.2f} s "
+        f"{'later' if seen.lag > 0.0 else 'earlier'} than those of the other channels for the "
+        "same motion: another clock; corrected by that"
+    )
+    return [
+        Finding("stamps", "warning", flight, text, channel=names[0], key="other clock",
+                numbers=(seen.lag,))
+    ]  # fmt: skip
 
 
 def _by_arrival(flight: str, series: dict[str, Series]) -> list[Finding]:
