@@ -48,27 +48,17 @@ _QUIET_S, _QUIET_M_S = 1.0, 0.02
 """s, m/s: a body that is slower for this time is at rest, and its noise is measured there."""
 
 
-@dataclass(frozen=True)
-class MocapFinding:
-    """A mistake of the motion capture."""
-
-    key: str
-    message: str
-    """The observation, the expectation, and the mend."""
+Mistakes = dict[str, str]
+"""Name of a mistake → the observation, the expectation, and the mend."""
 
 
 @dataclass(frozen=True)
 class MocapQuality:
-    """Findings and figures of recorded poses."""
+    """Mistakes and figures of recorded poses."""
 
-    findings: tuple[MocapFinding, ...]
+    findings: Mistakes
     figures: dict[str, float | None]
     """Name with its unit → value; None: it can't be told from this recording."""
-
-    @property
-    def good(self) -> bool:
-        """No mistake was seen."""
-        return not self.findings
 
 
 def check_mocap(log: Flight) -> MocapQuality:
@@ -92,77 +82,69 @@ def check_mocap(log: Flight) -> MocapQuality:
         motion = poses_and_imu(position, attitude, series["gyro"], None, struck)
     findings = _unit(position)
     if not findings:
-        findings += _axes(position, attitude, motion)
-        findings += _still(position)
-    findings += _swapped(attitude)
-    findings += _frozen(position, attitude)
-    findings += _rate(position)
-    findings += _gaps(position)
-    findings += _stamps(position, motion)
-    return MocapQuality(tuple(findings), _figures(position, attitude))
+        findings = _axes(position, attitude, motion) | _still(position)
+    findings |= _swapped(attitude) | _frozen(position, attitude) | _rate(position)
+    findings |= _gaps(position) | _stamps(position, motion)
+    return MocapQuality(findings, _figures(position, attitude))
 
 
-def _finding(key: str, message: str) -> list[MocapFinding]:
-    return [MocapFinding(key, message)]
-
-
-def _unit(position: Series) -> list[MocapFinding]:
+def _unit(position: Series) -> Mistakes:
     """Check that positions are in metres."""
     size = float(np.nanmax(np.abs(position.values)))
     if size < _LARGEST_VOLUME_M:
-        return []
-    return _finding(
-        "millimetres",
+        return {}
+    text = (
         f"positions of up to {size:.4g}; expected: metres. Set the unit of the driver or the "
-        "export to metres",
+        "export to metres"
     )
+    return {"millimetres": text}
 
 
-def _axes(position: Series, attitude: Series, motion: EvenFlight | None) -> list[MocapFinding]:
+def _axes(position: Series, attitude: Series, motion: EvenFlight | None) -> Mistakes:
     """Check the upward axis, then the turn of the rigid body."""
     at = np.clip(np.searchsorted(attitude.t, position.t), 0, attitude.t.size - 1)
     quaternions = attitude.values[at]
     norm = np.linalg.norm(quaternions, axis=1)
     good = np.isfinite(position.values).all(axis=1) & (np.abs(norm - 1.0) < 0.1)
     if np.count_nonzero(good) < _LEAST_POSES:
-        return []
+        return {}
     up = find_up_axis(position.t[good], position.values[good], quaternions[good])
     if up:
-        return _finding("up_axis", f"{up[0]}. `tombo mocap --up y_up` turns them")
+        return {"up_axis": f"{up[0]}. `tombo mocap --up y_up` turns them"}
     if motion is None:
-        return []
+        return {}
     offset = time_offset(motion)
     turned = None if offset is None else alignment(motion, offset.lag)
     if turned is None or turned.explained < _ALIGNED or turned.angle < MAX_TURN_RAD:
-        return []
+        return {}
     x, y, z = np.degrees(turned.turn.as_rotvec())
     if np.linalg.norm([abs(x) - 90.0, y, z]) < np.degrees(MAX_TURN_RAD):
-        return _finding(
-            "up_axis",
+        text = (
             f"the attitude is turned against the gyro by {x:.0f} deg about x, as where y points "
-            "up. `tombo mocap --up y_up` turns it",
+            "up. `tombo mocap --up y_up` turns it"
         )
-    return _finding(
-        "body_turned",
+        return {"up_axis": text}
+    text = (
         f"the rigid body is turned against the gyro by [{x:.0f}, {y:.0f}, {z:.0f}] deg about x, "
         "y, z; expected: x to the nose, z up. `tombo mocap --nose` turns it about z; else define "
-        "it again with the vehicle level, its nose along the x axis",
+        "it again with the vehicle level, its nose along the x axis"
     )
+    return {"body_turned": text}
 
 
-def _still(position: Series) -> list[MocapFinding]:
+def _still(position: Series) -> Mistakes:
     """Check that the body moves; the outermost 2 % of positions may be single wrong ones."""
     size = float(np.ptp(np.nanpercentile(position.values, [2.0, 98.0], axis=0), axis=0).max())
     if size > _STILL_M:
-        return []
-    return _finding(
-        "does_not_move",
+        return {}
+    text = (
         f"the rigid body stays within {1e3 * size:.1f} mm; expected: it moves with the vehicle. "
-        "Is it the right one? `tombo mocap --body`",
+        "Is it the right one? `tombo mocap --body`"
     )
+    return {"does_not_move": text}
 
 
-def _swapped(attitude: Series) -> list[MocapFinding]:
+def _swapped(attitude: Series) -> Mistakes:
     """Check for jumps of the attitude that no vehicle makes: markers were taken for each other."""
     usable = np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0) < 0.1
     t, q = attitude.t[usable], attitude.values[usable]
@@ -171,64 +153,64 @@ def _swapped(attitude: Series) -> list[MocapFinding]:
     dt = np.diff(t)
     jumps = (turn > _SWAPPED_RAD) & (turn > _SWAPPED_RATE * dt) & (dt < 3.0 * step)
     if not jumps.any():
-        return []
+        return {}
     first = int(np.argmax(jumps))
-    return _finding(
-        "markers_swapped",
+    text = (
         f"the attitude jumps {np.count_nonzero(jumps)} times, first by "
         f"{np.degrees(turn[first]):.0f} deg at {t[first]:.2f} s; expected: a motion. Place the "
-        "markers so that no turn of them looks the same, and no two bodies are alike",
+        "markers so that no turn of them looks the same, and no two bodies are alike"
     )
+    return {"markers_swapped": text}
 
 
-def _frozen(position: Series, attitude: Series) -> list[MocapFinding]:
+def _frozen(position: Series, attitude: Series) -> Mistakes:
     """Check for poses that are repeated to the bit."""
     spans = frozen_spans(position.t, position.values)
     spans = spans or frozen_spans(attitude.t, attitude.values)
     if not spans:
-        return []
+        return {}
     begin, end = max(spans, key=lambda span: span[1] - span[0])
-    return _finding(
-        "frozen",
+    text = (
         f"the same pose {len(spans)} times, the longest {end - begin:.2f} s at {begin:.2f} s; "
-        "expected: no pose while the body is not seen. Let the system send tracked bodies alone",
+        "expected: no pose while the body is not seen. Let the system send tracked bodies alone"
     )
+    return {"frozen": text}
 
 
-def _rate(position: Series) -> list[MocapFinding]:
+def _rate(position: Series) -> Mistakes:
     """Check that poses are frequent enough, by the usual interval of their stamps."""
     rate_hz = 1.0 / sample_interval(position.t)
     if rate_hz >= LEAST_RATE_HZ * _RATE_TOLERANCE:
-        return []
-    return _finding(
-        "rate",
+        return {}
+    text = (
         f"{rate_hz:.1f} poses in a second; expected: {LEAST_RATE_HZ:g} or more. Raise the rate of "
-        "the system, and look for a network that loses packets",
+        "the system, and look for a network that loses packets"
     )
+    return {"rate": text}
 
 
-def _gaps(position: Series) -> list[MocapFinding]:
+def _gaps(position: Series) -> Mistakes:
     """Check for times without poses."""
     spans = gap_spans(position.t)
     longest = max((end - begin for begin, end in spans), default=0.0)
     if longest <= LONG_S:
-        return []
-    return _finding(
-        "gaps",
+        return {}
+    text = (
         f"{len(spans)} gaps, the longest {longest:.2f} s; expected: {LONG_S:g} s at most. "
-        "Add or turn cameras until the whole volume is seen by three",
+        "Add or turn cameras until the whole volume is seen by three"
     )
+    return {"gaps": text}
 
 
-def _stamps(position: Series, motion: EvenFlight | None) -> list[MocapFinding]:
+def _stamps(position: Series, motion: EvenFlight | None) -> Mistakes:
     """Check that stamps are times of capture, on the clock of the others."""
     uneven = arrival_stamps("", position.t, None)
     if uneven:
-        return _finding(
-            "arrival_stamps",
+        text = (
             f"{uneven[0].message}. Stamp by the system's clock (of vrpn_mocap: "
-            "use_vrpn_timestamps), or subtract a delay",
+            "use_vrpn_timestamps), or subtract a delay"
         )
+        return {"arrival_stamps": text}
     late_s = _latency(position)
     offset = None
     if late_s is None and motion is not None:
@@ -240,12 +222,12 @@ def _stamps(position: Series, motion: EvenFlight | None) -> list[MocapFinding]:
     elif offset is not None and offset.lag < -_BEHIND_S:
         seen = f"stamps are {-1e3 * offset.lag:.0f} ms earlier than the gyro's"
     else:
-        return []
-    return _finding(
-        "clock",
+        return {}
+    text = (
         f"{seen}; expected: the time of capture, on the clock of this computer. Let both "
-        "computers follow one clock (chrony), or stamp the arrival and subtract a delay",
+        "computers follow one clock (chrony), or stamp the arrival and subtract a delay"
     )
+    return {"clock": text}
 
 
 def _latency(position: Series) -> Array | None:

@@ -66,12 +66,12 @@ def mocap(
         print(json.dumps({**_mapping(quality), "source": log.source}, indent=1))
     else:
         _show(quality)
-    raise typer.Exit(0 if quality.good else 1)
+    raise typer.Exit(1 if quality.findings else 0)
 
 
 def _mapping(quality: MocapQuality) -> dict[str, object]:
-    findings = [{"key": f.key, "message": f.message} for f in quality.findings]
-    return {"good": quality.good, "findings": findings, "figures": quality.figures}
+    findings = [{"key": key, "message": text} for key, text in quality.findings.items()]
+    return {"good": not findings, "findings": findings, "figures": quality.figures}
 
 
 def _show(quality: MocapQuality) -> None:
@@ -82,9 +82,9 @@ def _show(quality: MocapQuality) -> None:
         text = "not known" if value is None else f"{value:.4g} {_UNITS.get(unit, unit)}"
         typer.echo(f"{' '.join(label):20} {text}")
     print()
-    for finding in quality.findings:
-        console(highlight=False).print(f"[bold]{finding.key}[/bold]: {finding.message}")
-    if quality.good:
+    for key, text in quality.findings.items():
+        console(highlight=False).print(f"[bold]{key}[/bold]: {text}")
+    if not quality.findings:
         print("No mistake is seen.")
 
 
