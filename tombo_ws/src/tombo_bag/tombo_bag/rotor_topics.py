@@ -33,6 +33,7 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
 }
 """Type → fields of the rotors, best first. Types too: the first with a channel counts."""
 RANKS = {typename: rank for rank, typename in enumerate(_FIELDS)}
+"""Type that may hold commands or speeds of rotors → its rank, 0 the best."""
 _SHARED = ("channels", "controls")
 """Arrays of which only the first four elements are rotors."""
 
@@ -45,11 +46,6 @@ class RotorReading:
     values: Array
     """(N, 4), rad/s, or commands from 0 to 1; in the order of the message."""
     remark: str = ""
-
-
-def is_rotor_type(typename: str) -> bool:
-    """Return whether messages of a type may hold commands or speeds of rotors."""
-    return typename in _FIELDS
 
 
 def rotor_reading(typename: str, topic: str, table: ColumnTable) -> RotorReading | None:
