@@ -60,18 +60,6 @@ def _runs(log: Log, rate_hz: int) -> NDArray[np.intp]:
     return np.asarray(flying[np.diff(slot, prepend=-1) != 0])
 
 
-def _rates_setpoint(log: Log) -> tuple[Ticks, dict[str, Any]]:
-    ticks = _runs(log, 250)
-    thrust = log["thrust_setpoint"].ravel()[ticks]
-    return ticks, {"rates": log["rates_setpoint"][ticks], "thrust": thrust}
-
-
-def _attitude_setpoint(log: Log) -> tuple[Ticks, dict[str, Any]]:
-    ticks = _runs(log, 50)
-    thrust = log["thrust_setpoint"].ravel()[ticks]
-    return ticks, {"orientation": log["attitude_setpoint"][ticks], "thrust": thrust}
-
-
 def _transform(log: Log) -> tuple[Ticks, dict[str, Any]]:
     """Return the estimated pose, which is not there yet in the first ticks."""
     position = log["est_position"]
@@ -96,17 +84,6 @@ def _true_odometry(log: Log) -> tuple[Ticks, dict[str, Any]]:
     return every, {**values, "velocity": velocity}
 
 
-def _true_rotors(log: Log) -> tuple[Ticks, dict[str, Any]]:
-    every = _every(250)
-    columns = {
-        "speed": "rotor_speed",
-        "thrust": "rotor_thrust",
-        "fold": "fold",
-        "damage": "damage",
-    }
-    return every, {name: log[column][every] for name, column in columns.items()}
-
-
 def _true_contact(log: Log) -> tuple[Ticks, dict[str, Any]]:
     """Return the ticks with contact, and the first one after."""
     contact = log["contact"]
@@ -123,15 +100,27 @@ def _true_contact(log: Log) -> tuple[Ticks, dict[str, Any]]:
 
 
 _FROM_LOG: Mapping[str, Callable[[Log], tuple[Ticks, dict[str, Any]]]] = {
-    RATES_SETPOINT.name: _rates_setpoint,
-    ATTITUDE_SETPOINT.name: _attitude_setpoint,
+    RATES_SETPOINT.name: lambda log: _taken(
+        log, _runs(log, 250), rates="rates_setpoint", thrust="thrust_setpoint"
+    ),
+    ATTITUDE_SETPOINT.name: lambda log: _taken(
+        log, _runs(log, 50), orientation="attitude_setpoint", thrust="thrust_setpoint"
+    ),
     TF.name: _transform,
     BATTERY.name: _battery,
     TRUE_ODOMETRY.name: _true_odometry,
-    TRUE_ROTORS.name: _true_rotors,
+    TRUE_ROTORS.name: lambda log: _taken(
+        log, _every(250), speed="rotor_speed", thrust="rotor_thrust", fold="fold", damage="damage"
+    ),
     TRUE_CONTACT.name: _true_contact,
 }
 """Topic → ticks and fields of its messages, of the log."""
+
+
+def _taken(log: Log, ticks: Ticks, **columns: str) -> tuple[Ticks, dict[str, Any]]:
+    """Return these ticks, and fields that are columns of the log: (N, k), of one number (N,)."""
+    rows = {name: log[column][ticks] for name, column in columns.items()}
+    return ticks, {k: v.ravel() if v.shape[1] == 1 else v for k, v in rows.items()}
 
 
 def flown_topics(

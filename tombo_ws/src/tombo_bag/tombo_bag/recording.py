@@ -238,15 +238,7 @@ class Recording:
             return set()
 
     def _open(self, path: Path) -> BagFile:
-        try:
-            with path.open("rb") as file:
-                start = file.read(64)
-        except OSError as error:
-            raise InputError(
-                f"can't read '{path}': {error.strerror}; accepted: {READABLE}"
-            ) from error
-        if not start:
-            raise InputError(f"'{path}' is empty; accepted: {READABLE}")
+        start = first_bytes(path, READABLE)
         if start.startswith(ZSTD_MAGIC) and not self._is_unpacked(path):
             return self._open(self._unpack(path))
         for magic, kind in _KINDS.items():
@@ -280,6 +272,23 @@ _KINDS: dict[bytes, Callable[[Path], BagFile]] = {
     SQLITE_MAGIC: SqliteFile,
     ROS1_MAGIC: Ros1File,
 }
+
+
+def first_bytes(path: Path, accepted: str) -> bytes:
+    """Return the start of a file, which says its kind.
+
+    Raises:
+        InputError: it can't be read or is empty; says what is accepted.
+    """
+    try:
+        with path.open("rb") as file:
+            start = file.read(64)
+    except OSError as error:
+        why = f"{error.strerror}; accepted: {accepted}"
+        raise InputError(f"can't read '{path}': {why}") from error
+    if not start:
+        raise InputError(f"'{path}' is empty; accepted: {accepted}")
+    return start
 
 
 def _joined(parts: list[RawMessages]) -> RawMessages:

@@ -12,7 +12,7 @@ from tombo_bag.flight import Flight
 from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
 from tombo_bag.formats.sqlite_files import SQLITE_MAGIC
 from tombo_bag.formats.unpacking import GZIP_MAGIC
-from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC
+from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC, first_bytes
 from tombo_dynamics.errors import InputError
 from tombo_flight.recorded_flight import read_flight
 from tombo_logs.readers.bag_log import read_bag
@@ -98,7 +98,7 @@ def kind_of(path: Path) -> str:
     Raises:
         InputError: it can't be read, is empty, or none of them.
     """
-    start = _first_bytes(path)
+    start = b"" if path.is_dir() else first_bytes(path, READABLE)
     if not start or start.startswith(_BAG_MAGIC) or MCAP_MAGIC.startswith(start):
         return "recording"
     if start.startswith(ULOG_MAGIC):
@@ -112,21 +112,6 @@ def kind_of(path: Path) -> str:
         f"'{path}' starts with bytes {start[:8].hex(' ')}: no log that is known; accepted: "
         f"{READABLE}"
     )
-
-
-def _first_bytes(path: Path) -> bytes:
-    """Return the start of a file; of a folder nothing."""
-    if path.is_dir():
-        return b""
-    try:
-        with path.open("rb") as file:
-            start = file.read(64)
-    except OSError as error:
-        why = f"{error.strerror}; accepted: {READABLE}"
-        raise InputError(f"can't read '{path}': {why}") from error
-    if not start:
-        raise InputError(f"'{path}' is empty; accepted: {READABLE}")
-    return start
 
 
 def logs_in(path: Path) -> list[Path]:
