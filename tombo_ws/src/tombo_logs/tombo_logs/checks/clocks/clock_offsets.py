@@ -184,13 +184,13 @@ def _rates(turns: Series, t: Array) -> Array:
 
 def _felt_force(accel: Series, t: Array) -> Array:
     """Return the size of an accelerometer's specific force (N, 1)."""
-    return np.linalg.norm(beside_poses(accel, t), axis=1)[:, None]
+    return np.asarray(np.linalg.norm(beside_poses(accel, t), axis=1)[:, None])
 
 
 def _track_force(position: Series, t: Array) -> Array:
     """Return the size of a track's specific force (N, 1)."""
     force = accelerations(position, t) + np.array([0.0, 0.0, GRAVITY])
-    return np.linalg.norm(force, axis=1)[:, None]
+    return np.asarray(np.linalg.norm(force, axis=1)[:, None])
 
 
 def _turning(rates: Signal | None) -> Signal | None:
