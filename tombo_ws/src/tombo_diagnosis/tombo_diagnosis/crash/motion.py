@@ -30,7 +30,7 @@ from tombo_logs.checks.even_flight import (
     usable_turns,
 )
 from tombo_logs.checks.ground import ground_spans
-from tombo_logs.checks.recording import recorded
+from tombo_logs.checks.pipeline import recorded
 from tombo_logs.checks.samples import interpolated_spans, nothing_left
 from tombo_logs.checks.spans import Mask, check_extent, inside, interpolated, sample_interval
 

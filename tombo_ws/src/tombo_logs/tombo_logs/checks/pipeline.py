@@ -10,16 +10,22 @@ import numpy as np
 from tombo_bag.channels import DRIVES, ROTOR_SPEEDS
 from tombo_bag.flight import Finding, Flight, RefusedLog, Series, why_left_out
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.pose_tracks import bodies_apart
 from tombo_dynamics.vehicle import GRAVITY
-from tombo_logs.checks import coverage, events, impacts, imu, poses, samples
+from tombo_logs.checks import coverage, events, imu, poses, samples
+from tombo_logs.checks.clocks.clock_offsets import one_clock
 from tombo_logs.checks.clocks.clock_rates import common_clock
-from tombo_logs.checks.clocks.stamps import arrival_stamps, gaps
+from tombo_logs.checks.clocks.stamps import (
+    arrival_stamps,
+    check_pose_rate,
+    gaps,
+    no_common_time,
+    other_units,
+)
 from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
 from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
-from tombo_logs.checks.recording import drop_faulty, recorded
 from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.motors import Hover
-from tombo_logs.checks.rotors.rotor_sensors import sensor_faults
 from tombo_logs.checks.scales import accel_offsets, rotor_scales, track_scales
 from tombo_logs.checks.spans import Mask, Span, inside, merged
 from tombo_logs.checks.wind import wind
@@ -29,6 +35,9 @@ _IMU = ("gyro", "accel")
 _MOVING = (*POSE, *_IMU, "rotor_speed", "motor_command")
 """Channels that never stand still or follow a line in flight."""
 _LEAST = 10
+_STEADY = 1e-6
+"""Range of a command over its size below which it never changes."""
+_LEAST_COMMANDS = 50
 _NEAR_GROUND_S = 1.0
 """s around what is set apart in which rotors may turn slowly."""
 _SET_APART = {"crash", "contact", "jump", "ground", "frozen"}
@@ -122,6 +131,68 @@ def findings_of(log: Flight) -> tuple[Finding, ...]:
         return (*log.findings, error.finding)
 
 
+def recorded(log: Flight) -> tuple[dict[str, Series], list[Finding]]:
+    """Return the usable channels, cleaned and on one clock, and the findings.
+
+    Every reader of a flight needs that: one body, one clock, possible values. The search for the
+    cause of a crash, to which the checks of the motion do not apply, begins with it, too.
+
+    Raises:
+        RefusedLog: the poses are those of several bodies, or their stamps are in no known unit.
+    """
+    position = log.series.get("position")
+    apart = 0.0 if position is None else bodies_apart(position.values)
+    if apart > 0.0:
+        raise RefusedLog(
+            log.name,
+            "position",
+            f"position: poses of two bodies or more take turns in one topic, {apart:.2f} m apart; "
+            "accepted: one body; is the topic published twice?",
+            "bodies",
+        )
+    series: dict[str, Series] = {}
+    findings: list[Finding] = []
+    for name, raw in log.series.items():
+        clean, more = samples.clean_series(log.name, name, raw)
+        findings += more
+        if samples.nothing_left(clean):
+            text = f"{name}: {raw.t.size} samples, {clean.t.size} of them usable; left out"
+            findings.append(Finding("missing", "fault", log.name, text, channel=name))
+        else:
+            series[name] = clean
+    for name in DRIVES:
+        findings += _drop_faulty(
+            series, _drive(log.name, name, series[name]) if name in series else []
+        )
+    if "position" not in series:
+        return series, findings
+    check_pose_rate(log.name, series)
+    findings += _drop_faulty(series, other_units(log.name, series))
+    series, more = one_clock(log.name, series)
+    return series, [*findings, *more, *_drop_faulty(series, no_common_time(log.name, series))]
+
+
+def _drop_faulty(series: dict[str, Series], findings: list[Finding]) -> list[Finding]:
+    """Take channels with a fault out of `series`; returns the findings."""
+    for f in findings:
+        if f.severity == "fault":
+            series.pop(f.channel, None)
+    return findings
+
+
+def _drive(flight: str, name: str, drive: Series) -> list[Finding]:
+    """Report drives that say nothing of the rotors: constant throughout."""
+    values = drive.values
+    size = float(np.median(np.abs(values)))
+    if len(values) >= _LEAST_COMMANDS and np.ptp(values, axis=0).max() <= _STEADY * max(size, 1.0):
+        text = (
+            f"{name}: {float(np.median(values)):.4g} throughout; expected: commands that hold a "
+            "vehicle in the air; another output, or not recorded; left out"
+        )
+        return [Finding("frozen", "fault", flight, text, channel=name, key="constant")]
+    return []
+
+
 def _check_there(
     flight: str, series: dict[str, Series], findings: list[Finding], needed: Sequence[str]
 ) -> None:
@@ -199,8 +270,8 @@ def _impacts(
     on_lines = [e for e, d in zip(candidates, drawn, strict=True) if d]
     real = [e for e, d in zip(candidates, drawn, strict=True) if not d]
     return [
-        *impacts.unmeasured(flight, on_lines, lines),
-        *impacts.impacts(flight, real, down, (times[0], times[-1]), series),
+        *events.unmeasured(flight, on_lines, lines),
+        *events.impacts(flight, real, down, (times[0], times[-1]), series),
     ]
 
 
@@ -246,7 +317,9 @@ def _rotor_sensors(
     wide = [(b - _NEAR_GROUND_S, e + _NEAR_GROUND_S) for b, e in apart]
     flying = _flying(speed, wide) & inside(speed.t, [flown])
     replaced = any(name in series for name in DRIVES)
-    kept, findings = sensor_faults(flight, speed, series.get("rotor_command"), flying, replaced)
+    kept, findings = motors.sensor_faults(
+        flight, speed, series.get("rotor_command"), flying, replaced
+    )
     if kept is not None:
         series["rotor_speed"] = kept
     return findings
@@ -264,19 +337,19 @@ def _motors(
     if "motor_command" in series:
         command = series["motor_command"]
         faults = motors.range_of(flight, command, _flying(command, apart))
-        findings += drop_faulty(series, faults)
+        findings += _drop_faulty(series, faults)
     for name in DRIVES:
         if name in series and "gyro" in series:
             faults = rotor_order.rotor_order(flight, name, series[name], series["gyro"], apart)
             faults = faults or rotor_order.command_delay(
                 flight, name, series[name], series["gyro"], apart
             )
-            findings += drop_faulty(series, faults)
+            findings += _drop_faulty(series, faults)
     if "rotor_speed" in series and "rotor_command" in series:
         speed = series["rotor_speed"]
         flying = _flying(speed, apart)
         faults = motors.speed_against_command(flight, speed, series["rotor_command"], flying)
-        findings += drop_faulty(series, faults)
+        findings += _drop_faulty(series, faults)
     if hover is not None:
         drives: dict[str, tuple[Series, Mask]] = {
             name: (series[name], _flying(series[name], apart))
@@ -284,7 +357,7 @@ def _motors(
             if name in series
         }
         rose = rises(series["position"])
-        findings += drop_faulty(series, motors.check_vehicle(flight, drives, hover, rose))
+        findings += _drop_faulty(series, motors.check_vehicle(flight, drives, hover, rose))
     return findings
 
 

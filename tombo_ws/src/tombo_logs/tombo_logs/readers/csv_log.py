@@ -15,10 +15,16 @@ from tombo_bag.flight import Finding, Flight, Series, damage_findings
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.rotation import unwrap_quaternions
-from tombo_logs.readers.csv_mapping import ATTITUDES, LogMapping, parse_mapping, shipped
+from tombo_logs.readers.csv_mapping import (
+    ATTITUDES,
+    ChannelMap,
+    LogMapping,
+    TimeColumn,
+    parse_mapping,
+    shipped,
+)
 from tombo_logs.readers.csv_table import CsvTable, open_table
 from tombo_logs.readers.frames import axes_matrix, turn_attitude
-from tombo_logs.readers.mapping_file import ChannelMap, TimeColumn
 from tombo_logs.readers.units import factor
 
 _POSE = ("position", "attitude")

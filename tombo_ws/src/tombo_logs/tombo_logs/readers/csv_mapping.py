@@ -1,15 +1,16 @@
-"""Mapping files of flights: which columns of a table hold which channel, in which units and axes.
+"""Mapping files: YAML that says what the columns of a table are, with units and axes.
 
-YAML. `docs/logs.md` explains it by example; those shipped are in `mappings/`.
+Those of thrust stands share `ChannelMap` and what reads it; a flight's is a `LogMapping`.
+`docs/logs.md` explains it by example; those shipped are in `mappings/`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,31 +20,68 @@ from tombo_bag.flight import Airframe, Series
 from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
 from tombo_dynamics.rotation import unwrap_quaternions
-from tombo_dynamics.yaml_text import parse_yaml
+from tombo_dynamics.yaml_text import parse_yaml, read_text
+from tombo_flight.yaml_file import check_keys, list_of, mapping_of
 from tombo_logs.readers.frames import BODIES, WORLDS, axes_matrix, turn_attitude
-from tombo_logs.readers.mapping_file import (
-    ChannelMap,
-    TimeColumn,
-    columns_of,
-    numbers_of,
-    read_mapping,
-    shipped_mappings,
-    table_of,
-    unit_of,
-)
 from tombo_logs.readers.units import factor
 
+M = TypeVar("M")
+Parse = Callable[[str, str], M]
+"""(text, name) to the mapping that is checked."""
+_FARTHEST = 1e9
+"""Of any number in a mapping."""
+_LARGEST = 200_000
+"""Bytes; a mapping is some hundred."""
 ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3, "matrix": 9}
 """How an attitude is written, and in how many columns.
 
 Quaternion; roll, pitch and yaw; rotation matrix, column by column.
 """
-
 _SMALLEST = 1e-9
 """Of an airframe's values, which are above 0."""
-
 ATTITUDES = ("attitude", "estimated_attitude", "attitude_setpoint")
 """Channels that are one."""
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """A column of times, or the rate at which rows were written."""
+
+    column: str
+    unit: str = "s"
+    rate: float = 0.0
+    """[Hz] of rows without a column of times, which is then empty."""
+
+
+@dataclass(frozen=True)
+class ChannelMap:
+    """Where a channel comes from."""
+
+    columns: tuple[str, ...]
+    """As in the file; with a minus before it, of the opposite sign."""
+    unit: str
+    order: str = "xyzw"
+    """Of an attitude: one of ORDERS."""
+    range: tuple[float, float] | None = None
+    """Of a motor command: values of 0 and of 1."""
+    axes: tuple[str, ...] | None = None
+    """Of gyro and accel where they have axes of their own: ours in terms of the file's."""
+    time: TimeColumn | None = None
+    """Where the channel has stamps of its own."""
+    arrival: TimeColumn | None = None
+    topic: str = ""
+    """Of recordings and PX4 logs: where the columns are, as `esc[0].rpm` or `data[2]`."""
+    scale: float = 1.0
+    """Factor of the values, in addition to the unit: -1, 10 for joints that Gazebo slows, 2/14
+    where a motor of 14 poles counts electrical turns."""
+
+    def factor(self, wanted: str, what: str) -> float:
+        """Return by what to multiply its values to have them in `wanted`, a key of `units.UNITS`.
+
+        Raises:
+            InputError: its unit is none for `what`.
+        """
+        return self.scale * factor(self.unit, wanted, what)
 
 
 @dataclass(frozen=True)
@@ -211,3 +249,77 @@ def _airframe(content: object, what: str) -> Airframe | None:
         elif name != "name":
             values[name] = check_number(f"{what}: {name}", value, "SI", (_SMALLEST, 1e9))
     return Airframe(**values)
+
+
+def shipped_mappings(package: str, folder: str, parse: Parse[M]) -> dict[str, M]:
+    """Return the mappings in a folder of a package, by name."""
+    files = resources.files(package).joinpath(folder).iterdir()
+    names = {f.name.removesuffix(".yaml"): f for f in files if f.name.endswith(".yaml")}
+    return {n: parse(f.read_text(encoding="utf-8"), n) for n, f in sorted(names.items())}
+
+
+def read_mapping(name: str, known: Mapping[str, M], parse: Parse[M]) -> M:
+    """Return a mapping: one of `known` by its name, or that of a YAML file.
+
+    Raises:
+        InputError: no such mapping, or one that can't be used.
+    """
+    path = Path(name)
+    accepted = f"accepted: a YAML file, or {', '.join(known)}"
+    if path.is_dir():
+        raise InputError(f"mapping '{name}' is a folder; {accepted}")
+    if not path.is_file():
+        if name in known:
+            return known[name]
+        if path.suffix in (".yaml", ".yml") or path.parent != Path():
+            raise InputError(f"mapping '{name}' does not exist; {accepted}")
+        raise unknown_name("mapping", name, [*known, "a YAML file"])
+    return parse(read_text(path, f"mapping '{name}'", "a short YAML file", _LARGEST), name)
+
+
+def table_of(content: object, what: str, accepted: Collection[str]) -> dict[str, Any]:
+    """Return a table of a mapping file; of none, an empty one.
+
+    Raises:
+        InputError: it is not a table, or has a key that is not accepted.
+    """
+    values = mapping_of({} if content is None else content, what)
+    check_keys(values, accepted, what)
+    return dict(values)
+
+
+def columns_of(content: object, what: str, width: int | None, names: str) -> tuple[str, ...]:
+    """Return the names of a channel's columns: `width` of them, or of None any number.
+
+    Raises:
+        InputError: others; `names` says what is accepted.
+    """
+    columns = (content,) if isinstance(content, str) else content
+    if isinstance(columns, Sequence) and columns and width in (None, len(columns)):
+        return tuple(str(column) for column in columns)
+    raise InputError(f"{what}: columns {shown(content)}; accepted: {names}")
+
+
+def unit_of(values: Mapping[str, Any], wanted: str, what: str) -> str:
+    """Return the unit that a channel declares in the place of `wanted`, a key of `units.UNITS`.
+
+    Raises:
+        InputError: there is none, and `wanted` is not 1; or it is none of those accepted.
+    """
+    if "unit" not in values and wanted != "1":
+        raise InputError(f"{what}: no unit; accepted: a unit as {wanted}")
+    unit = str(values.get("unit", "1"))
+    factor(unit, wanted, what)
+    return unit
+
+
+def numbers_of(content: object, count: int, what: str) -> tuple[Any, ...]:
+    """Return finite numbers, `count` of them.
+
+    Raises:
+        InputError: others.
+    """
+    values = list_of(content, what)
+    if len(values) != count:
+        raise InputError(f"{what}: {shown(content)}; accepted: {count} numbers")
+    return tuple(check_number(what, value, "1", (-_FARTHEST, _FARTHEST)) for value in values)

@@ -23,8 +23,7 @@ from tombo_dynamics.errors import InputError, shown, unknown_name
 from tombo_dynamics.params import check_number
 from tombo_dynamics.propeller import RPM, SPEED_LIMIT
 from tombo_dynamics.yaml_text import parse_yaml
-from tombo_logs.readers.csv_table import open_table
-from tombo_logs.readers.mapping_file import (
+from tombo_logs.readers.csv_mapping import (
     ChannelMap,
     columns_of,
     read_mapping,
@@ -32,6 +31,7 @@ from tombo_logs.readers.mapping_file import (
     table_of,
     unit_of,
 )
+from tombo_logs.readers.csv_table import open_table
 from tombo_logs.readers.units import SPELLINGS, UNITS, factor
 
 CHANNELS: Mapping[str, str] = {
