@@ -26,7 +26,6 @@ from tombo_logs.checks.even_flight import EvenFlight, poses_and_imu
 from tombo_logs.checks.ground import check_flies, ground, motor_drive, rises
 from tombo_logs.checks.rotors import motors, rotor_order
 from tombo_logs.checks.rotors.motors import Hover
-from tombo_logs.checks.scales import accel_offsets, rotor_scales, track_scales
 from tombo_logs.checks.spans import Mask, Span, inside, merged
 from tombo_logs.checks.wind import wind
 
@@ -288,7 +287,7 @@ def _consistent(
     if not wrong:
         axes = imu.check_accel_axes(flight, motion)
         wrong = bool(axes)
-        findings += axes or (accel_offsets(flight, motion) or track_scales(flight, motion))
+        findings += axes or (imu.accel_offsets(flight, motion) or imu.track_scales(flight, motion))
     if wrong:
         series = {name: s for name, s in series.items() if name not in _IMU}
     return series, findings
@@ -333,7 +332,7 @@ def _motors(
         if name in series:
             flying = _flying(series[name], apart)
             findings += motors.saturation(flight, name, series[name], flying)
-            findings += rotor_scales(flight, name, series[name], flying)
+            findings += motors.rotor_scales(flight, name, series[name], flying)
     if "motor_command" in series:
         command = series["motor_command"]
         faults = motors.range_of(flight, command, _flying(command, apart))

@@ -30,6 +30,11 @@ _STANDING = 0.45
 """Rotor speed over that of the model's hover below which rotors carry no vehicle, whatever it
 weighs: they idle or stand."""
 _LEAST = 50
+_ROTOR_SCALE = 1.18
+"""Ratio of one rotor's command to the mean of the others: a centre of gravity off the middle, and
+the scatter of small motors, stay within."""
+_FEWEST = 100
+"""Commands that are compared at least."""
 _NOTHING, _TURNS = 0.1, 0.5
 """Share of a rotor's usual speed below which it reads nothing, and above which it turns: a rotor
 that reads nothing while most others turn has a sensor that fails; all four stand on the ground."""
@@ -68,6 +73,26 @@ def saturation(flight: str, channel: str, command: Series, flying: Mask) -> list
         "follow the controller there"
     )
     return [Finding("saturation", "warning", flight, text, channel=channel)]
+
+
+def rotor_scales(flight: str, channel: str, command: Series, flying: Mask) -> list[Finding]:
+    """Report a rotor that is asked for much more or less than the others."""
+    values = command.values[flying]
+    if len(values) < _FEWEST or channel == "rotor_speed":
+        return []
+    if channel == "rotor_command":
+        values = values**2
+    usual = np.maximum(np.median(values, axis=0), 1e-9)
+    ratio = np.array([usual[k] / np.delete(usual, k).mean() for k in range(4)])
+    k = int(np.argmax(np.abs(np.log(ratio))))
+    if not (ratio[k] > _ROTOR_SCALE or ratio[k] < 1.0 / _ROTOR_SCALE):
+        return []
+    text = (
+        f"{channel}: {ROTOR_NAMES[k]} is asked for {ratio[k]:.2f} times the others' thrust; "
+        "expected: about 1; the scale of its column, another propeller or motor there, or weight "
+        "beside the centre"
+    )
+    return [Finding("scale", "warning", flight, text, channel=channel)]
 
 
 def range_of(flight: str, command: Series, flying: Mask) -> list[Finding]:
