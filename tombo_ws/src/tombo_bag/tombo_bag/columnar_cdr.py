@@ -87,16 +87,14 @@ class Layout:
     leaves: tuple[Leaf, ...]
     counts: tuple[int, ...]
 
-    @cached_property
-    def fixed(self) -> NDArray[np.intp]:
-        """Offsets of the encapsulation, lengths and counts, which define the shape."""
-        places = np.arange(4)[None, :] + np.array([0, *self.counts])[:, None]
-        return np.asarray(places.ravel())
-
     def same_shape(self, block: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Tell which of (N, size) messages of the template's size have its shape."""
+        """Tell which of (N, size) messages of the template's size have its shape.
+
+        The encapsulation, lengths and counts define it.
+        """
+        fixed = (np.arange(4)[None, :] + np.array([0, *self.counts])[:, None]).ravel()
         template = np.frombuffer(self.template, np.uint8)
-        return np.asarray((block[:, self.fixed] == template[self.fixed]).all(axis=1))
+        return np.asarray((block[:, fixed] == template[fixed]).all(axis=1))
 
     @cached_property
     def dtype(self) -> np.dtype[Any]:
@@ -114,15 +112,14 @@ class Layout:
             }
         )
 
-    def records(self, number: int, dtype: np.dtype[Any] | None = None) -> NDArray[np.void]:
+    def records(self, number: int) -> NDArray[np.void]:
         """Return `number` copies of the template as a writable structured array.
 
         Assign columns by path, `records["pose.position.x"] = x`; the array's bytes are then the
         messages, one after the other. A slice is fine, but not a copy: numpy copies the named
-        fields alone, not the counts between them. `dtype`: another view of a message.
+        fields alone, not the counts between them.
         """
-        buffer = bytearray(self.template * number)
-        return np.frombuffer(buffer, self.dtype if dtype is None else dtype)
+        return np.frombuffer(bytearray(self.template * number), self.dtype)
 
 
 def encode(typename: str, values: Mapping[str, Any]) -> bytes:

@@ -14,17 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable, TopicColumns, columns_of
-from tombo_bag.formats.bag_files import READABLE, BagFile, RawMessages, TopicSummary, in_log_order
+from tombo_bag.formats.bag_files import (
+    READABLE,
+    BagFile,
+    RawMessages,
+    TopicSummary,
+    in_log_order,
+    plain,
+)
 from tombo_bag.formats.chunks import MAGIC
 from tombo_bag.formats.reader import Bag
 from tombo_bag.formats.ros1_files import ROS1_MAGIC, Ros1File
 from tombo_bag.formats.sqlite_files import SQLITE_MAGIC, SqliteFile
-from tombo_bag.formats.unpacking import unpack, unpack_file
+from tombo_bag.formats.unpacking import ZSTD_MAGIC, unpack_file
 from tombo_bag.rigid_bodies import bodies_in
 from tombo_dynamics.errors import InputError, unknown_name
 from tombo_dynamics.yaml_text import read_yaml
 
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag")
 """Endings of the files of a recording; a folder is searched for them."""
 
@@ -118,7 +124,7 @@ class Recording:
         for file in self.files:
             for topic, raw in file.messages(list(recorded)).items():
                 if len(raw.messages):
-                    parts[recorded[topic]].append(_plain(raw))
+                    parts[recorded[topic]].append(plain(raw))
         self._cache.update({name: _joined(of) for name, of in parts.items()})
 
     def set_clock(self, log_ns: NDArray[np.int64], now_ns: NDArray[np.int64]) -> None:
@@ -209,11 +215,8 @@ class Recording:
                 self._notes.append(str(error).partition("; accepted")[0])
 
     def _bodies(self) -> list[BagFile]:
-        def read(file: BagFile, topic: str) -> RawMessages:
-            return _plain(file.messages([topic])[topic])
-
         try:
-            return list(bodies_in(self.files, read))
+            return list(bodies_in(self.files))
         except InputError as error:
             self._notes.append(str(error).partition("; accepted")[0])
             return []
@@ -300,19 +303,3 @@ def _joined(parts: list[RawMessages]) -> RawMessages:
         np.concatenate([np.zeros(0, np.int64), *(raw.publish_times_ns for raw in parts)]),
         [message for raw in parts for message in raw.messages],
     )
-
-
-def _plain(raw: RawMessages) -> RawMessages:
-    """Unpack messages that rosbag2 compressed one by one; CDR itself never starts like zstd."""
-    if not raw.messages or not raw.messages[0].startswith(ZSTD_MAGIC):
-        return raw
-    messages = [_unpacked(message) for message in raw.messages]
-    return RawMessages(raw.log_times_ns, raw.publish_times_ns, messages)
-
-
-def _unpacked(message: bytes) -> bytes:
-    try:
-        plain: bytes = unpack("zstd", message)
-    except ValueError:
-        return b""  # fits no type, and is counted as damage there
-    return plain

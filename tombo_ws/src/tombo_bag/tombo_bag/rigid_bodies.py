@@ -6,14 +6,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tombo_bag.columns import ColumnTable, columns_of
-from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order
+from tombo_bag.formats.bag_files import BagFile, RawMessages, TopicSummary, in_log_order, plain
 from tombo_bag.message_codec import encoded
 from tombo_bag.topics import MOCAP_POSE, POSE_TYPES
 from tombo_dynamics.rotation import body_to_map, quaternion_multiply
@@ -137,16 +137,10 @@ def _from_root(
     return rows, pose
 
 
-def bodies_in(
-    files: Sequence[BagFile], read: Callable[[BagFile, str], RawMessages]
-) -> Iterator[RigidBodies]:
-    """Yield the rigid bodies of all topics that hold several.
+def bodies_in(files: Sequence[BagFile]) -> Iterator[RigidBodies]:
+    """Yield the rigid bodies of all topics of a recording's files that hold several.
 
     Transforms count where no other topic has poses: they repeat those of a driver or a node.
-
-    Args:
-        files: of a recording.
-        read: returns the messages of a topic of a file.
 
     Raises:
         InputError: as `RigidBodies`.
@@ -157,6 +151,6 @@ def bodies_in(
         for topic, stream in file.topics.items():
             wanted = stream.typename in BODY_LISTS and (stream.typename != _TF or not others)
             if wanted and stream.count:
-                raw = read(file, topic)
+                raw = plain(file.messages([topic])[topic])
                 if raw.messages:
                     yield RigidBodies(file, topic, raw)

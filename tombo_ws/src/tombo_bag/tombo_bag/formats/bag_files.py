@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tombo_bag.formats.unpacking import ZSTD_MAGIC, unpack
 from tombo_bag.schemas import Types, known_types
 from tombo_dynamics.errors import InputError
 
@@ -113,3 +114,18 @@ def in_log_order(log_ns: Any, publish_ns: Any, messages: list[bytes]) -> RawMess
         log, publish = log[order], publish[order]
         messages = [messages[i] for i in order.tolist()]
     return RawMessages(log, publish, messages)
+
+
+def plain(raw: RawMessages) -> RawMessages:
+    """Unpack messages that rosbag2 compressed one by one; CDR itself never starts like zstd."""
+    if not raw.messages or not raw.messages[0].startswith(ZSTD_MAGIC):
+        return raw
+    messages = [_unpacked(message) for message in raw.messages]
+    return RawMessages(raw.log_times_ns, raw.publish_times_ns, messages)
+
+
+def _unpacked(message: bytes) -> bytes:
+    try:
+        return bytes(unpack("zstd", message))
+    except ValueError:
+        return b""  # fits no type, and is counted as damage there

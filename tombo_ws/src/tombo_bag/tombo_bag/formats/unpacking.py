@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, BinaryIO
 
 GZIP_MAGIC = b"\x1f\x8b"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _PIECE = 4096
 """Compressed bytes that are unpacked at once."""
 _MEMORY_SHARE = 0.25

@@ -11,8 +11,8 @@ from pathlib import Path
 from tombo_bag.flight import Flight
 from tombo_bag.formats.chunks import MAGIC as MCAP_MAGIC
 from tombo_bag.formats.sqlite_files import SQLITE_MAGIC
-from tombo_bag.formats.unpacking import GZIP_MAGIC
-from tombo_bag.recording import SUFFIXES, ZSTD_MAGIC, first_bytes
+from tombo_bag.formats.unpacking import GZIP_MAGIC, ZSTD_MAGIC
+from tombo_bag.recording import SUFFIXES, first_bytes
 from tombo_dynamics.errors import InputError
 from tombo_flight.recorded_flight import read_flight
 from tombo_logs.readers.bag_log import read_bag
