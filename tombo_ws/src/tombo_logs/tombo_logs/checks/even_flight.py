@@ -86,17 +86,17 @@ class EvenFlight:
         return self.channels["rates"]
 
     @property
-    def force(self) -> Array:
+    def force_of_poses(self) -> Array:
         """(N, 3) specific force that the poses give, in base_link [m/s^2]."""
         force = self.acceleration + np.array([0.0, 0.0, GRAVITY])
         return np.asarray(Rotation.from_quat(self.attitude).inv().apply(force))
 
     @property
-    def felt(self) -> Array:
+    def accel_in_map(self) -> Array:
         """(N, 3) the accelerometer's reading, turned into map by the attitude [m/s^2]."""
         return np.asarray(Rotation.from_quat(self.attitude).apply(self.accel))
 
-    def has(self, channel: Array) -> bool:
+    def is_compared(self, channel: Array) -> bool:
         """Return whether the log has a channel (N, k), and enough rows to compare it."""
         return bool(channel.size) and np.count_nonzero(self.valid) >= _LEAST_COMPARED
 

@@ -189,7 +189,7 @@ def gyro_scales(flight: str, motion: EvenFlight, late_s: float) -> list[Finding]
         motion: of poses and IMU.
         late_s: delay of the poses' stamps against the gyro's.
     """
-    if not motion.has(motion.gyro):
+    if not motion.is_compared(motion.gyro):
         return []
     rates = interpolated(motion.t + late_s, motion.t, motion.rates)[motion.valid]
     gyro = motion.gyro[motion.valid]
@@ -199,21 +199,21 @@ def gyro_scales(flight: str, motion: EvenFlight, late_s: float) -> list[Finding]
 
 def accel_offsets(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report axes of the accelerometer that on average read another force than the poses give."""
-    if not motion.has(motion.accel):
+    if not motion.is_compared(motion.accel):
         return []
     good, limits = motion.valid, [_ACROSS_OFFSET, _ACROSS_OFFSET, _ALONG_OFFSET]
-    return _offsets(flight, "accel", motion.force[good], motion.accel[good], limits)
+    return _offsets(flight, "accel", motion.force_of_poses[good], motion.accel[good], limits)
 
 
 def track_scales(flight: str, motion: EvenFlight) -> list[Finding]:
     """Report axes of the map along which the track accelerates otherwise than the IMU says."""
-    if not motion.has(motion.accel):
+    if not motion.is_compared(motion.accel):
         return []
     good = motion.valid
     what = "the accelerometer's, turned by the attitude"
     limits = _ACCELERATES, _TRACK_SCALE
     track = motion.acceleration[good]
-    return _scales(flight, "position", motion.felt[good], track, limits, what)
+    return _scales(flight, "position", motion.accel_in_map[good], track, limits, what)
 
 
 def _ratio(expected: Array, found: Array, least: float) -> tuple[float, float] | None:

@@ -54,7 +54,7 @@ def time_offset(motion: EvenFlight) -> TimeOffset | None:
 
     Only sizes are compared where axes may be wrong; None where nothing turns.
     """
-    if not motion.has(motion.gyro):
+    if not motion.is_compared(motion.gyro):
         return None
     usable = motion.valid
     rates = motion.rates - motion.rates[usable].mean(axis=0)
@@ -78,7 +78,7 @@ def time_offset(motion: EvenFlight) -> TimeOffset | None:
 
 def alignment(motion: EvenFlight, lag: float) -> Alignment | None:
     """Return how gyro and rates of the attitude go together once the lag is taken out."""
-    if not motion.has(motion.gyro):
+    if not motion.is_compared(motion.gyro):
         return None
     usable = motion.valid
     t = motion.t
@@ -127,12 +127,12 @@ def drag_correlations(motion: EvenFlight) -> Array | None:
     Row: axis of the accelerometer, column: body axis. Thrust is along z: the remainder is drag,
     faint and slow, but in both. None without drag.
     """
-    if not motion.has(motion.accel):
+    if not motion.is_compared(motion.accel):
         return None
     usable = gaussian_filter1d((~motion.valid).astype(np.float64), _DRAG_WIDTH) < 0.01
     slow = [
         gaussian_filter1d(v, _DRAG_WIDTH, axis=0)
-        for v in (motion.accel[:, :2], motion.force[:, :2])
+        for v in (motion.accel[:, :2], motion.force_of_poses[:, :2])
     ]
     if np.count_nonzero(usable) < 100 or min(v[usable].std(axis=0).min() for v in slow) < _DRAG:
         return None
@@ -146,10 +146,10 @@ def force_response(motion: EvenFlight) -> tuple[Array, float] | None:
     Also the share of the track's acceleration that it explains. Drag and wind are in both: no
     turn is expected. None without excitation along two axes.
     """
-    if not motion.has(motion.accel):
+    if not motion.is_compared(motion.accel):
         return None
     usable = motion.valid
-    expected = _centred(motion.felt[usable])
+    expected = _centred(motion.accel_in_map[usable])
     acceleration = _centred(motion.acceleration[usable])
     if max(_rms(expected), _rms(acceleration)) < 0.2:
         return None
