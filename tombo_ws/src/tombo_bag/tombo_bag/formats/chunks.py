@@ -6,16 +6,13 @@ columns are turned into message records by numpy, cut apart, sorted and joined: 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
-
-from tombo_dynamics.errors import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last bytes of an MCAP file. (To import the library's writer for it takes 25 ms.)"""
@@ -57,7 +54,7 @@ def chunk_bodies(
     """Merge records by log time; among equal times the earlier column comes first.
 
     Args:
-        columns: heads (N,) of HEAD and message records of each channel, see `message_records`.
+        columns: heads (N,) of HEAD and message records of each channel, by log time.
         span_ns: log time after which a chunk ends.
         prefix: schema and channel records, for the first chunk.
     """
@@ -97,56 +94,3 @@ def write_message_index(stream: RecordBuilder, channel: int, rows: NDArray[np.ui
     stream.write4(rows.size * 8)  # bytes that follow: each number has 8
     stream.write(rows.astype("<u8").tobytes())
     stream.finish_record()
-
-
-def message_records(
-    channel: int,
-    log_times_ns: NDArray[Any] | Sequence[int],
-    messages: NDArray[np.void] | Sequence[bytes],
-    publish_times_ns: NDArray[Any] | Sequence[int] | None,
-    first_sequence: int,
-) -> tuple[NDArray[np.void], list[bytes]]:
-    """Return heads (N,) of HEAD of a channel's messages and their MCAP records, by log time.
-
-    Args:
-        channel: number of the channel.
-        log_times_ns: (N,) integers.
-        messages: (N,) structured array, or N messages as bytes.
-        publish_times_ns: (N,) integers; None: the log times.
-        first_sequence: sequence number of the first message.
-
-    Raises:
-        InputError: lengths differ, or a time is negative or no integer.
-    """
-    publish = log_times_ns if publish_times_ns is None else publish_times_ns
-    if not len(log_times_ns) == len(messages) == len(publish):
-        raise InputError(
-            f"channel {channel}: {len(log_times_ns)} log times, {len(publish)} publish times, "
-            f"{len(messages)} messages; accepted: the same number of each"
-        )
-    heads: NDArray[np.void] = np.empty(len(messages), HEAD)
-    heads["opcode"] = Opcode.MESSAGE
-    heads["channel"] = channel
-    heads["log_time"] = _times(log_times_ns, channel)
-    heads["publish_time"] = _times(publish, channel)
-    order = np.argsort(heads["log_time"], kind="stable")
-    heads = heads[order]
-    heads["sequence"] = np.arange(len(heads)) + first_sequence
-    if isinstance(messages, np.ndarray):
-        # numpy copies only the named fields of a structured array; as plain bytes, it copies all
-        messages = np.ascontiguousarray(messages.view(f"V{messages.dtype.itemsize}")).tolist()
-    in_order = [messages[i] for i in order.tolist()]
-    sizes = np.fromiter(map(len, in_order), np.uint64, len(in_order))
-    heads["length"] = np.uint64(HEAD.itemsize - PREFIX_SIZE) + sizes
-    pairs = zip(heads.view(f"V{HEAD.itemsize}").tolist(), in_order, strict=True)
-    return heads, [head + message for head, message in pairs]
-
-
-def _times(times: NDArray[Any] | Sequence[int], channel: int) -> NDArray[np.uint64]:
-    """Return times (N,) [ns] as MCAP has them; refuse what it can't hold."""
-    given = np.asarray(times)
-    if given.dtype.kind not in "iu" or (given.size and given.min() < 0):
-        raise InputError(
-            f"channel {channel}: times of type {given.dtype}; accepted: integers from 0 up, in ns"
-        )
-    return given.astype(np.uint64)

@@ -36,7 +36,7 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from tombo_bag.formats.chunks import MAGIC, chunk_bodies, message_records, write_message_index
+from tombo_bag.formats.chunks import HEAD, MAGIC, PREFIX_SIZE, chunk_bodies, write_message_index
 from tombo_bag.qos import STATE, Qos
 from tombo_bag.schemas import schema_text, type_hash
 from tombo_dynamics.errors import InputError, unknown_name
@@ -182,9 +182,7 @@ class McapSink:
         records = []
         for column in columns:
             self._check(column.channel)
-            times, sent = column.log_times_ns, column.publish_times_ns
-            number = self._taken[column.channel]
-            records.append(message_records(column.channel, times, column.messages, sent, number))
+            records.append(_message_records(column, self._taken[column.channel]))
             self._taken[column.channel] += len(column.messages)
         for body in chunk_bodies(records, self._span_ns, _bytes(*self._unwritten)):
             data = self._compressor.compress(body.data)
@@ -294,6 +292,49 @@ class McapSink:
             raise
         self._crc = zlib.crc32(data, self._crc)
         self.size += len(data)
+
+
+def _message_records(column: Columns, first_sequence: int) -> tuple[NDArray[np.void], list[bytes]]:
+    """Return heads (N,) of HEAD of messages and their MCAP records, by log time.
+
+    `first_sequence` is the sequence number of the first message.
+
+    Raises:
+        InputError: lengths differ, or a time is negative or no integer.
+    """
+    channel, logged, messages = column.channel, column.log_times_ns, column.messages
+    publish = logged if column.publish_times_ns is None else column.publish_times_ns
+    if not len(logged) == len(messages) == len(publish):
+        raise InputError(
+            f"channel {channel}: {len(logged)} log times, {len(publish)} publish times, "
+            f"{len(messages)} messages; accepted: the same number of each"
+        )
+    heads: NDArray[np.void] = np.empty(len(messages), HEAD)
+    heads["opcode"] = Opcode.MESSAGE
+    heads["channel"] = channel
+    heads["log_time"] = _times(logged, channel)
+    heads["publish_time"] = _times(publish, channel)
+    order = np.argsort(heads["log_time"], kind="stable")
+    heads = heads[order]
+    heads["sequence"] = np.arange(len(heads)) + first_sequence
+    if isinstance(messages, np.ndarray):
+        # numpy copies only the named fields of a structured array; as plain bytes, it copies all
+        messages = np.ascontiguousarray(messages.view(f"V{messages.dtype.itemsize}")).tolist()
+    in_order = [messages[i] for i in order.tolist()]
+    sizes = np.fromiter(map(len, in_order), np.uint64, len(in_order))
+    heads["length"] = np.uint64(HEAD.itemsize - PREFIX_SIZE) + sizes
+    pairs = zip(heads.view(f"V{HEAD.itemsize}").tolist(), in_order, strict=True)
+    return heads, [head + message for head, message in pairs]
+
+
+def _times(times: NDArray[Any] | Sequence[int], channel: int) -> NDArray[np.uint64]:
+    """Return times (N,) [ns] as MCAP has them; refuse what it can't hold."""
+    given = np.asarray(times)
+    if given.dtype.kind not in "iu" or (given.size and given.min() < 0):
+        raise InputError(
+            f"channel {channel}: times of type {given.dtype}; accepted: integers from 0 up, in ns"
+        )
+    return given.astype(np.uint64)
 
 
 def _bytes(*records: McapRecord) -> bytes:
