@@ -10,7 +10,7 @@ import time
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import TICK_NS
-from tombo_px4.hil.flight import PX4_PORT
+from tombo_px4.hil.flight import PX4_PORT, HilFlight
 from tombo_px4.hil.hand_motion import HandMotion
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_ros.core_node import main_of
@@ -51,7 +51,11 @@ class HilSimNode(VehicleNode):
         )
         hand = HandMotion(hand_at) if hand_at > 0.0 else HandMotion()
         self.offer_hand(hand)
-        self._hil = HilSimulator(self.world, self.seed, port, watch=self._watch, hand=hand)
+        self._hil = HilSimulator(
+            lambda: HilFlight(self.world, self.seed, watch=self._watch, hand=hand),
+            port,
+            tell=self._log,
+        )
         self.attach_simulator(self._hil.flight.simulator)
         self._began_ns = 0
         """Time of tick 0."""
@@ -62,16 +66,17 @@ class HilSimNode(VehicleNode):
         super().begin()
 
     def step(self, now_ns: int) -> None:
-        """Fly the steps that are due, and log what has happened."""
+        """Fly the steps that are due."""
         for _ in range(_MOST_STEPS):
             if not self._hil.advance(time.monotonic_ns()):
                 break
+
+    def _log(self, text: str, severe: bool) -> None:
         logger = self.ros.get_logger()
-        for notice in self._hil.take_notices():
-            if notice.severe:  # rclpy: one severity for each line of code
-                logger.warning(notice.text)
-            else:
-                logger.info(notice.text)
+        if severe:  # rclpy: one severity for each line of code
+            logger.warning(text)
+        else:
+            logger.info(text)
 
     def _watch(self, simulator: Simulator) -> None:
         """Show a tick. Its time is the system's, as smooth as PX4's own clock."""
@@ -87,7 +92,7 @@ class HilSimNode(VehicleNode):
         """Add the state of the connection to PX4."""
         hil = self._hil
         self.health.value("px4", hil.phase.value)
-        for name in ("flights", "steps", "answered", "missed", "wrong_time", "slips"):
+        for name in ("flights", "steps", "missed", "wrong_time", "slips"):
             self.health.value(name, getattr(hil, name))
         for name, count in hil.link.counters.items():
             if count:

@@ -14,9 +14,10 @@ import numpy as np
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import TICK_NS
-from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, PARAMETERS, ParameterTable
+from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
+from tombo_px4.bridge.vehicle_parameters import FLOWN_BY_POSES
 from tombo_px4.hil.hand_motion import HandMotion
 from tombo_px4.link.mavlink_link import Link, read_key
 from tombo_px4.modes import OFFBOARD, Severity, mode_name
@@ -111,7 +112,6 @@ class Px4SimNode(VehicleNode):
             kind: Any = int if p.kind == "int32" else float
             default = kind(FLOWN_BY_POSES.get(p.name, p.default))
             text = f"{p.doc} [{p.unit}]" if p.unit else p.doc
-            text += "" if p.acts else "; without effect in this simulation"
             value = self.declare(f"px4.{p.name}", default, text, bounds=(p.low, p.high))
             if value != kind(p.default) and (refusal := table.set(p.name, value)):
                 raise InputError(f"px4.{refusal}")

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.bridge_params import LinkParams
-from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
-from tombo_px4.hil.flight import PX4_PORT, Watch, airframe_parameters
+from tombo_px4.bridge.vehicle_parameters import FLOWN_BY_POSES, MOCAP_ONLY
+from tombo_px4.hil.flight import PX4_PORT, HilFlight, Watch, airframe_parameters
 from tombo_px4.hil.lockstep import HilSimulator
-from tombo_px4.link.mavlink_link import Codec, Link, Received
+from tombo_px4.link.mavlink_link import Codec, Received
+from tombo_px4.link.vehicle_link import open_link
 from tombo_px4.protocol.endpoint import Endpoint
 from tombo_sim.simulator import Simulator
 from tombo_sim.world import World
@@ -78,19 +80,11 @@ class RealPx4:
         self._build, self._folder, self._instance = build, setup.folder, setup.instance
         self._starts = 0
         self.system = setup.instance + 1
-        own = LinkParams()
-        self.link = Link(
-            f"udpin://127.0.0.1:{ONBOARD_PORT + setup.instance}",
-            system=own.own_system,
-            component=own.own_component,
-            clock=time.time_ns,
-            accept_system=self.system,
-            accept_component=1,
-        )
+        url = f"udpin://127.0.0.1:{ONBOARD_PORT + setup.instance}"
+        self.link = open_link(LinkParams(url, self.system), None, time.time_ns)
         port = PX4_PORT + setup.instance
-        self._hil = HilSimulator(
-            world, setup.seed, port, speed=0.0, gps=False, watch=self._watch, hand=hand
-        )
+        begin = partial(HilFlight, world, setup.seed, False, self._watch, hand)
+        self._hil = HilSimulator(begin, port, speed=0.0)
         self._parameters = {**airframe_parameters(world, setup.seed), **MOCAP_ONLY}
 
     def _watch(self, simulator: Simulator) -> None:
@@ -176,8 +170,8 @@ class SimulatedPx4:
     def _boot(self) -> None:
         """Set the vehicle on the ground, disarmed."""
         table = ParameterTable()
-        for name, value in {**MOCAP_ONLY, **SAFE_PARAMETERS}.items():
-            if name in table.names and (refusal := table.set(name, value)):
+        for name, value in FLOWN_BY_POSES.items():
+            if refusal := table.set(name, value):
                 raise InputError(refusal)
         self._vehicle = Px4Vehicle(self._world, self._seed, table)
         self._vehicle.hand = self._hand

@@ -146,9 +146,7 @@ def of(messages: Iterable[Any], kind: str) -> list[Any]:
 def texts(messages: Iterable[Any]) -> list[str]:
     """The texts that were said, their pieces put together."""
     joiner = StatusTextAssembler()
-    joined = [
-        joiner.take(m.severity, m.text, m.id, m.chunk_seq, 0) for m in of(messages, "STATUSTEXT")
-    ]
+    joined = [joiner.take(m, 0) for m in of(messages, "STATUSTEXT")]
     return [text.text for text in joined if text is not None]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from hil_peer import ALIGN, Peer
 
 from tombo_flight.scenario import load_scenario, world_of
+from tombo_px4.hil.flight import HilFlight
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_sim.world import World
 
@@ -31,9 +32,14 @@ class Bench:
         align: int = ALIGN,
         speed: float = 0.0,
     ) -> None:
-        self.hil = HilSimulator(world or hover_world(), 1, 0, speed=speed)
-        self.now_ns = 10**15
         self.news: list[str] = []
+        self.hil = HilSimulator(
+            lambda: HilFlight(world or hover_world(), 1),
+            0,
+            speed,
+            lambda text, _: self.news.append(text),
+        )
+        self.now_ns = 10**15
         self.peer = Peer(self.hil.port, silent, align)
 
     @property
@@ -47,7 +53,6 @@ class Bench:
     def turn(self) -> bool:
         self.now_ns += TURN_NS
         stepped = self.hil.advance(self.now_ns)
-        self.news += [news.text for news in self.hil.take_notices()]
         self.peer.pump()
         return stepped
 

@@ -50,4 +50,3 @@ def test_the_opening_of_qgroundcontrol():
             "GLOBAL_POSITION_INT", "ATTITUDE", "VFR_HUD", "EXTENDED_SYS_STATE",
         }  # fmt: skip
         assert b.endpoint.refused["REQUEST_DATA_STREAM is not used"] == 1
-        assert (255, 190) in b.endpoint.heard_systems

@@ -14,7 +14,6 @@ from tombo_dynamics.errors import InputError
 from tombo_px4.link.mavlink_link import (
     Codec,
     Link,
-    check_key,
     open_transport,
     parse_url,
     read_key,
@@ -132,8 +131,6 @@ def test_what_is_no_key_is_refused_in_one_line(tmp_path, content):
     for missing, why in ((tmp_path / "none", "no such file"), (tmp_path, "directory")):
         with pytest.raises(InputError, match=why):
             read_key(str(missing), print)
-    with pytest.raises(InputError, match="accepted"):
-        check_key(b"short")
 
 
 # ---- URLs

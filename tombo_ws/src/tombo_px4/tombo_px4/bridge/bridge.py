@@ -356,7 +356,8 @@ class Bridge:
         odometry = self._odometry
         if stream == SetpointSource.LEVEL_DESCENT and odometry is not None:
             velocity = self.checklist.motion.velocity
-            wanted = self.descent.step(now_ns, odometry.attitude, velocity, self.hover_thrust)
+            hover = float(self.parameters.values.get(HOVER, 0.0))  # 0: not known
+            wanted = self.descent.step(now_ns, odometry.attitude, velocity, hover)
             if wanted is None:
                 return []
             return [messages.attitude_target(*wanted, self._target, now_ns)]
@@ -497,11 +498,6 @@ class Bridge:
         zero = np.zeros(3)
         yaw = float(yaw_pitch_roll(odometry.attitude)[0])
         return PositionSetpoint(now_ns, odometry.position, zero, zero, yaw, Phase.IDLE)
-
-    @property
-    def hover_thrust(self) -> float:
-        """Throttle that hovers; 0: not known."""
-        return float(self.parameters.values.get(HOVER, 0.0))
 
     # --- What is wrong ------------------------------------------------------------------------
 

@@ -55,15 +55,15 @@ class MotorMapping:
         self._range = float(maps.thrust_highest) - self._lowest
         self.hover = (vehicle.hover_thrust() - self._lowest) / self._range
         """Control in hover: what MPC_THR_HOVER should be."""
-        self.refused = 0
-        """Controls outside [0, 1] or NaN; each is taken for 0."""
 
     def speeds(self, controls: Sequence[float], armed: bool) -> Array:
-        """Return rotor speeds (4) [rad/s] in our order; an unarmed rotor stands still."""
+        """Return rotor speeds (4) [rad/s] in our order; an unarmed rotor stands still.
+
+        A control outside [0, 1], or NaN, is taken for 0.
+        """
         out = np.zeros(4)
         for rotor, value in zip(PX4_ROTORS, controls, strict=False):
             if not -_ROUNDING <= value <= 1.0 + _ROUNDING:
-                self.refused += 1
                 value = 0.0
             if armed:
                 thrust = self._lowest + min(max(value, 0.0), 1.0) * self._range
@@ -194,7 +194,6 @@ class HilFlight:
 
     Attributes:
         simulator: the plant, with the ground truth.
-        rotors: commanded rotor speeds of the last step [rad/s].
     """
 
     def __init__(
@@ -219,7 +218,6 @@ class HilFlight:
         self.simulator = Simulator(world, seed)
         self.sensors = HilSensors(seed)
         self.controls = MotorMapping(world.vehicle, self.simulator.setup.maps)
-        self.rotors: Array = np.zeros(4)
         self.steps = 0
         self._mav = common.MAVLink(None, SYSTEM, COMPONENT)
         self._slow: tuple[float, ...] = ()
@@ -235,10 +233,10 @@ class HilFlight:
         HIL_SENSOR is the last, because it moves PX4's clock and wakes it: earlier messages have
         then arrived, in every run alike, with the time of the HIL_SENSOR before.
         """
-        self.rotors = self.controls.speeds(motors.controls, motors.armed)
+        rotors = self.controls.speeds(motors.controls, motors.armed)
         simulator, sensors = self.simulator, self.sensors
         for _ in range(STEP_TICKS):
-            simulator.advance(self.rotors)
+            simulator.advance(rotors)
             if self._hand is not None:
                 self._hand(simulator)
             sensors.observe(simulator.imu)
@@ -261,8 +259,6 @@ class HilFlight:
 
 
 AIRFRAME = {"PX4_SIM_MODEL": "none_iris", "PX4_SYS_AUTOSTART": "10016"}
-_IMAGE = "px4io/px4-sitl:v1.18.0-rc1"
-"""PX4's containers begin with 1.18."""
 _MOST_INSTANCES = 255
 
 
@@ -294,17 +290,11 @@ def exported(parameters: Mapping[str, float], more: Mapping[str, str] | None = N
     return "export " + " \\\n  ".join(lines)
 
 
-def start_commands(port: int, parameters: Mapping[str, float]) -> tuple[str, str, str]:
-    """Return shell commands: what PX4 finds in its environment, then two ways to start it.
+def start_command(port: int, parameters: Mapping[str, float]) -> str:
+    """Return the shell commands that start a PX4 that was built from its sources.
 
-    The first starts one built from its sources, the second one in its container. PX4 takes
-    PX4_PARAM_... at its start, and keeps them.
+    PX4 takes PX4_PARAM_... of its environment at its start, and keeps them.
     """
     number = port - PX4_PORT
     instance = f" -i {number}" if 0 < number < _MOST_INSTANCES else ""
-    variables = "$(env | grep -o '^PX4_[A-Z0-9_]*' | sed 's/^/-e /')"
-    return (
-        exported(parameters, AIRFRAME),
-        f"./build/px4_sitl_default/bin/px4{instance}",
-        f"docker run --rm -it --network host {variables} {_IMAGE}{instance}",
-    )
+    return f"{exported(parameters, AIRFRAME)}\n./build/px4_sitl_default/bin/px4{instance}"

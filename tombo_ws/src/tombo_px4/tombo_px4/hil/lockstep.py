@@ -3,37 +3,26 @@
 PX4 is the client of a TCP server, one at a time. Each HIL_SENSOR waits for the
 HIL_ACTUATOR_CONTROLS with the same time; `time_usec` is PX4's clock.
 
-    hil = HilSimulator(world, seed=0, port=4560)
+    hil = HilSimulator(lambda: HilFlight(world, seed=0), port=4560, tell=log)
     while True:
         if hil.advance(time.monotonic_ns()):        # one step was flown
             ...
         else:
             hil.wait(time.monotonic_ns(), 0.1)      # or come back within a millisecond
-        for notice in hil.take_notices(): ...
 
 `hil.flight.simulator.plant` has the truth, `hil.flight.time_us` PX4's clock.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Callable
 from enum import Enum
-from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.errors import InputError
-from tombo_px4.hil.flight import (
-    COMPONENT,
-    PX4_PORT,
-    STEP_TICKS,
-    SYSTEM,
-    HilFlight,
-    MotorCommands,
-    Watch,
-)
+from tombo_px4.hil.flight import COMPONENT, PX4_PORT, STEP_TICKS, SYSTEM, HilFlight, MotorCommands
 from tombo_px4.link.mavlink_link import Link
-from tombo_sim.world import World
 
 BOOT_PATIENCE_NS = 5_000_000
 """Wait for an answer while PX4 boots; it answered from the tenth step on."""
@@ -41,8 +30,6 @@ PATIENCE_NS = 1_000_000_000
 """A missing answer is reported after this time; PX4 reports it after a second too."""
 _SLIP_NS = 200_000_000
 """If it is behind by more, the simulation does not catch up."""
-_MAX_NOTICES = 200
-"""Notices that wait to be taken; older ones are dropped."""
 
 
 class Px4Phase(Enum):
@@ -54,11 +41,8 @@ class Px4Phase(Enum):
     SILENT = "PX4 is silent"
 
 
-class Notice(NamedTuple):
-    """A message for the user."""
-
-    severe: bool
-    text: str
+Tell = Callable[[str, bool], object]
+"""Takes a message for the user, and whether it is a warning."""
 
 
 class HilSimulator:
@@ -70,7 +54,6 @@ class HilSimulator:
         flight: the present one, or the one that waits for PX4.
         motors: commands of PX4.
         steps: HIL_SENSOR sent in this flight.
-        answered: how many of them have been answered.
         boot_steps: steps unanswered before the first answer.
         missed: steps unanswered after it.
         wrong_time: answers with another time than the last HIL_SENSOR's.
@@ -80,36 +63,26 @@ class HilSimulator:
 
     def __init__(
         self,
-        world: World,
-        seed: int,
+        begin: Callable[[], HilFlight],
         port: int = PX4_PORT,
-        *,
         speed: float = 1.0,
-        gps: bool = True,
-        watch: Watch | None = None,
-        hand: Watch | None = None,
+        tell: Tell = lambda text, severe: None,
     ) -> None:
         """Listen on this machine, and set the vehicle on the ground.
 
         Args:
-            world: vehicle, propeller, effects and obstacle.
-            seed: of all random draws; each flight has the same.
+            begin: returns a new flight; called for each connection of PX4.
             port: where PX4 connects; 0 takes a free one.
             speed: simulated time against that of `advance`; 0: as fast as possible.
-            gps: send HIL_GPS, too.
-            watch: called with the simulator at every tick of 1 ms; a new flight has a new one.
-            hand: the same, before the samples of the tick are taken: `HandMotion`.
+            tell: called with the news.
 
         Raises:
-            InputError: the port is taken or not allowed; as `Simulator`.
+            InputError: the port is taken or not allowed; as `begin`.
         """
         if not 0 <= port <= 65535:
             raise InputError(f"port {port} is out of bounds; accepted: 0 to 65535")
-        self._world, self._seed, self._gps = world, seed, gps
-        self._watch = watch
-        self._hand = hand
+        self._begin, self._tell = begin, tell
         self._period_ns = round(1e6 * STEP_TICKS / speed) if speed > 0.0 else 0
-        self._news: deque[Notice] = deque(maxlen=_MAX_NOTICES)
         self.flights = 0
         self._reset_vehicle()
         # PX4's messages carry the simulation's time: their arrival is not read.
@@ -123,9 +96,9 @@ class HilSimulator:
 
     def _reset_vehicle(self) -> None:
         """Put a new vehicle on the ground."""
-        self.flight = HilFlight(self._world, self._seed, self._gps, self._watch, self._hand)
+        self.flight = self._begin()
         self.motors = MotorCommands()
-        self.steps = self.answered = self.boot_steps = self.missed = 0
+        self.steps = self.boot_steps = self.missed = 0
         self.wrong_time = self.slips = 0
         self._connection = 0  # value of `link.opened` for the present client; 0: none
         self._sent_ns = self._due_ns = 0
@@ -141,12 +114,6 @@ class HilSimulator:
         if self._silent:
             return Px4Phase.SILENT
         return Px4Phase.FLYING if self._heard else Px4Phase.BOOTING
-
-    def take_notices(self) -> list[Notice]:
-        """Return the new messages for the user."""
-        notices = list(self._news)
-        self._news.clear()
-        return notices
 
     def advance(self, now_ns: int) -> bool:
         """Take what PX4 has sent, and fly one step if it is answered and due.
@@ -168,7 +135,7 @@ class HilSimulator:
             self._connection = self.link.opened
             self._due_ns = now_ns
             begins = f"flight {self.flights} begins, at time 0, on the ground"
-            self._notify(f"PX4 has connected: {begins}")
+            self._tell(f"PX4 has connected: {begins}", False)
         for answer in answers:
             self._take(answer)
         if now_ns < self._next_ns(now_ns):
@@ -208,10 +175,10 @@ class HilSimulator:
         """Report the end of a flight, and wait for the next client with a new vehicle."""
         how = "armed" if self.motors.armed else "not armed"
         height = self.flight.simulator.height
-        self._notify(
+        self._tell(
             f"PX4 has left at {1e-6 * self.flight.time_us:.2f} s ({how}, {height:.2f} m up): that "
             "flight is over; waiting for a new connection, which begins a new one",
-            severe=self.motors.armed,
+            self.motors.armed,
         )
         self._reset_vehicle()
 
@@ -223,22 +190,21 @@ class HilSimulator:
         self._runs_unanswered = False
         if not self._heard:
             self._heard = True
-            self._notify(
-                f"PX4 answers, after {self.boot_steps} steps without; in lockstep from now"
+            self._tell(
+                f"PX4 answers, after {self.boot_steps} steps without; in lockstep from now", False
             )
         if answer.time_us != self.flight.time_us:
             self.wrong_time += 1
             return
         if answer.armed != self.motors.armed:
-            self._notify("armed" if answer.armed else "disarmed")
+            self._tell("armed" if answer.armed else "disarmed", False)
         self.motors = answer
         if self._has_answer:
             return
         self._has_answer = True
-        self.answered += 1
         if self._silent:
             self._silent = False
-            self._notify("PX4 answers again")
+            self._tell("PX4 answers again", False)
 
     def _step(self, now_ns: int) -> None:
         """Fly one step with the commands of PX4, and send the sensor samples."""
@@ -268,10 +234,10 @@ class HilSimulator:
             goes = "time stands still but for a step a second"
             if not self.motors.armed:
                 goes = "disarmed, so time goes on (in OFFBOARD it is silent until set points come)"
-            self._notify(
+            self._tell(
                 f"PX4 has not answered for {1e-9 * PATIENCE_NS:.0f} s at "
                 f"{1e-6 * self.flight.time_us:.2f} s: {goes}",
-                severe=True,
+                True,
             )
 
     def _pace(self, now_ns: int) -> None:
@@ -285,7 +251,4 @@ class HilSimulator:
             self._due_ns = now_ns + self._period_ns
             self.slips += 1
             if self.slips == 1:
-                self._notify("slower than wanted: time stretches", severe=True)
-
-    def _notify(self, text: str, severe: bool = False) -> None:
-        self._news.append(Notice(severe, text))
+                self._tell("slower than wanted: time stretches", True)

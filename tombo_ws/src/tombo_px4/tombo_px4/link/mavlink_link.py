@@ -62,17 +62,8 @@ def read_key(path: str, warn: Callable[[str], object]) -> bytes | None:
             key = b""
     if others:
         warn(f"key '{path}' can be read or written by others; chmod 600 it")
-    return check_key(key, f"key '{path}'")
-
-
-def check_key(key: bytes, what: str = "key") -> bytes:
-    """Return the key.
-
-    Raises:
-        InputError: it has not 32 bytes, or is zero, which to MAVLink means none.
-    """
-    if len(key) != KEY_SIZE or not any(key):
-        raise InputError(f"{what} is no key; accepted: {_ACCEPTED_KEY}")
+    if len(key) != KEY_SIZE or not any(key):  # zero means none to MAVLink
+        raise InputError(f"key '{path}' is no key; accepted: {_ACCEPTED_KEY}")
     return key
 
 
@@ -484,7 +475,7 @@ class Codec(common.MAVLink):  # type: ignore[misc]
         Messages signed before `now_ns` are refused: they may be a recording. A sender whose clock
         is behind takes over our time when it hears us, as the protocol has it.
         """
-        self.signing.secret_key = check_key(key)
+        self.signing.secret_key = key
         self.signing.link_id = link_id
         self.signing.sign_outgoing = True
         self.signing.allow_unsigned_callback = Codec._refuse
@@ -603,23 +594,17 @@ class Link:
             clock: time now, CLOCK_REALTIME [ns]: `time.time_ns`.
             accept_system: the only system that is let in, 0 for any.
             accept_component: the only component that is let in, 0 for any.
-            key: 32 bytes: only signed messages go out and come in.
+            key: of `read_key`: only signed messages go out and come in.
             link_id: number in our signatures, different on each link of one component.
             allow_remote: speak with other machines too.
             default_peer: "HOST:PORT" to send to before a peer is known (udpin).
 
         Raises:
-            InputError: URL, busy port, unreachable host, another machine, ids, key.
+            InputError: URL, busy port, unreachable host, another machine.
         """
-        ours = {"system": system, "component": component}
-        others = {"accept_system": accept_system, "accept_component": accept_component}
-        for name, number in {**ours, **others, "link_id": link_id}.items():
-            lowest = 1 if name in ours else 0
-            if not lowest <= number <= 255:
-                raise InputError(f"{name} {number} is out of bounds; accepted: {lowest} to 255")
         self.url = url
         self.pack_error = ""
-        self.mav = Codec(**ours, **others)
+        self.mav = Codec(system, component, accept_system, accept_component)
         self.counters = self.mav.counters
         self._clock = clock
         if key is not None:

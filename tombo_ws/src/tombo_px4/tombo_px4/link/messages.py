@@ -295,38 +295,24 @@ class StatusTextAssembler:
     """Joins the pieces of long texts, in the order of their arrival."""
 
     def __init__(self) -> None:
-        self._begun: dict[int, StatusText] = {}
+        self._begun: dict[int, str] = {}
         """Number of a text → its beginning."""
 
-    def take(
-        self, severity: int, text: str, number: int, piece: int, arrival_ns: int
-    ) -> StatusText | None:
-        """Take a piece; return the text once it is whole.
-
-        Args:
-            severity: MAV_SEVERITY.
-            text: up to 50 characters; fewer end the text.
-            number: of the text.
-            piece: place of the piece in it.
-            arrival_ns: when it came.
+    def take(self, m: Any, arrival_ns: int) -> StatusText | None:
+        """Take a STATUSTEXT; return the text once it is whole, without control characters.
 
         Raises:
-            RefusedMessage: out of bounds.
+            RefusedMessage: severity or place of the piece is out of bounds.
         """
-        if not 0 <= severity <= 7 or piece >= _MOST_PIECES:
+        if not 0 <= m.severity <= 7 or m.chunk_seq >= _MOST_PIECES:
             raise RefusedMessage("range")
-        begun = self._begun.pop(number, None) if piece else None
-        joined = text if begun is None else begun.text + text
-        if len(text) < _FULL:
-            return _status_text(arrival_ns, severity, joined)
-        self._begun[number] = StatusText(arrival_ns, severity, joined)
-        return None
-
-
-def _status_text(arrival_ns: int, severity: int, text: str) -> StatusText:
-    """Return a text without control characters: PX4 ends some with a tabulator."""
-    printable = "".join(c if c.isprintable() else " " for c in text).strip()
-    return StatusText(arrival_ns, severity, printable)
+        text = (self._begun.pop(m.id, "") if m.chunk_seq else "") + m.text
+        if len(m.text) >= _FULL:
+            self._begun[m.id] = text
+            return None
+        # PX4 ends some texts with a tabulator
+        printable = "".join(c if c.isprintable() else " " for c in text).strip()
+        return StatusText(arrival_ns, m.severity, printable)
 
 
 _OLDEST_NS, _SYNC_ERROR_NS = 1_000_000_000, 15_000_000
@@ -444,11 +430,9 @@ class MessageDecoder:
             return None
         cells = tuple(1e-3 * v for v in [*m.voltages, *m.voltages_ext] if 0 < v != _NO_CELL)
         voltage = sum(cells) if cells else math.nan
-        current, left = _current(m.current_battery), _share(m.battery_remaining)
+        current = math.nan if m.current_battery < 0 else 1e-2 * m.current_battery
+        left = 1e-2 * m.battery_remaining if 0 <= m.battery_remaining <= 100 else math.nan
         return BatteryReading(arrival_ns, voltage, current, left, cells)
-
-    def _text(self, m: Any, arrival_ns: int) -> object:
-        return self._chunks.take(m.severity, m.text, m.id, m.chunk_seq, arrival_ns)
 
     def _ack(self, m: Any, arrival_ns: int) -> object:
         if m.target_system not in (0, self._own[0]) or m.target_component not in (0, self._own[1]):
@@ -478,7 +462,7 @@ _READERS: dict[str, _Reader] = {
     "ODOMETRY": MessageDecoder._odometry,
     "HIGHRES_IMU": MessageDecoder._imu,
     "BATTERY_STATUS": MessageDecoder._battery,
-    "STATUSTEXT": MessageDecoder._text,
+    "STATUSTEXT": lambda decoder, m, t: decoder._chunks.take(m, t),
     "COMMAND_ACK": MessageDecoder._ack,
     "PARAM_VALUE": lambda _, m, t: decode_parameter(m),
     "AUTOPILOT_VERSION": MessageDecoder._version,
@@ -520,11 +504,3 @@ def _attitude(wxyz: Sequence[float]) -> Array:
     if abs(float(q @ q) - 1.0) > _UNIT:
         raise RefusedMessage("not_unit")
     return ros_quaternion(q / np.linalg.norm(q))
-
-
-def _current(centi: int) -> float:
-    return math.nan if centi < 0 else 1e-2 * centi
-
-
-def _share(percent: int) -> float:
-    return 1e-2 * percent if 0 <= percent <= 100 else math.nan

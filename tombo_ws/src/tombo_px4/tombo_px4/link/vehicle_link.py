@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mav
 from tombo_px4.bridge.bridge_params import LinkParams
 from tombo_px4.link import messages
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.messages import MessageTarget, ParameterValue, decode_parameter
+from tombo_px4.link.messages import MessageTarget, decode_parameter
 from tombo_px4.modes import Result
 
 _LOOK_S = 0.1
@@ -101,13 +101,13 @@ class VehicleLink:
 
     def parameters(self, names: Sequence[str]) -> dict[str, float]:
         """Return the values of PX4's parameters; unanswered ones are left out."""
-        known: dict[str, ParameterValue] = {}
+        known: dict[str, float] = {}
         for name in _TRIES * list(names):
             if name not in known:
                 self.link.send(messages.read_parameter(self._target, name))
                 answer = self.wait("PARAM_VALUE", _ANSWER_S, partial(_is_of, name))
-                known |= {} if answer is None else {name: decode_parameter(answer)}
-        return {name: parameter.value for name, parameter in known.items()}
+                known |= {} if answer is None else {name: decode_parameter(answer).value}
+        return known
 
     def test_motor(self, motor: int, throttle: float, seconds: float) -> Result | None:
         """Turn a motor, from 1 on, of a disarmed vehicle; throttle 0 to 1."""

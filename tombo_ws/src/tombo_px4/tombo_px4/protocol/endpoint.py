@@ -175,8 +175,6 @@ class Endpoint:
         """Severity and text of all sent texts; the reader empties the list."""
         self._texts = -1
         """Number of the last text. PX4 counts from 0."""
-        self.heard_systems: dict[tuple[int, int], int] = {}
-        """System and component of all senders, and when the last message came [us since boot]."""
         self._switch_on: bool | None = None
         self._commands = CommandServer(vehicle, self.origin)
         self._parameters = ParameterServer(vehicle.parameters)
@@ -273,8 +271,6 @@ class Endpoint:
     def _take(self, routed: RoutedMessage) -> None:
         """Hand a message to what answers its type."""
         message = routed.received.message
-        sender = (routed.received.system, routed.received.component)
-        self.heard_systems[sender] = routed.arrival_us
         kind = message.get_type()
         handler, only_ours = self._handlers.get(kind, (None, False))
         if handler is None:

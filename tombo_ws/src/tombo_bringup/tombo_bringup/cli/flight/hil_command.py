@@ -49,6 +49,7 @@ def hil(
     from tombo_dynamics.errors import InputError
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_flight.scenario import load_scenario, world_of
+    from tombo_px4.hil.flight import HilFlight
     from tombo_px4.hil.lockstep import HilSimulator
 
     speed, seed = 1.0 if pace.speed is None else pace.speed, draw.seed or 0
@@ -58,7 +59,7 @@ def hil(
     world = world_of(load_scenario(scenario, settings.settings or []))
     with (
         StopSignals(signal.SIGHUP) as stop,
-        closing(HilSimulator(world, seed, given.port, speed=speed)) as one,
+        closing(HilSimulator(lambda: HilFlight(world, seed), given.port, speed, _tell)) as one,
     ):
         print(_introduction(world, one.port, scenario, seed), flush=True)
         _serve(one, stop, duration.duration)
@@ -67,20 +68,14 @@ def hil(
 def _introduction(world: World, port: int, scenario: str, seed: int) -> str:
     """Return the text at the start: the simulator, and the commands that start PX4."""
     from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY
-    from tombo_px4.hil.flight import airframe_parameters, exported, start_commands
+    from tombo_px4.hil.flight import airframe_parameters, exported, start_command
 
-    settings, built, container = start_commands(port, airframe_parameters(world, seed))
     return f"""\
 {scenario}, seed {seed}: waiting for PX4 on TCP port {port} of 127.0.0.1. Start it with
 
-{settings}
-{built}
+{start_command(port, airframe_parameters(world, seed))}
 
-or, in place of the last line, from its container
-
-{container}
-
-PX4 connects once: start it again after this. Built, it keeps these parameters; without \
+PX4 connects once: start it again after this. It keeps these parameters; without \
 parameters*.bson of build/px4_sitl_default/rootfs it begins with its own again.
 
 To fly by motion capture alone, as `tombo fly --px4` does, PX4 needs these, too:
@@ -88,8 +83,12 @@ To fly by motion capture alone, as `tombo fly --px4` does, PX4 needs these, too:
 {exported(MOCAP_ONLY)}"""
 
 
+def _tell(text: str, severe: bool) -> None:
+    print(f"{'! ' if severe else ''}{printable(text)}", flush=True)
+
+
 def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> None:
-    """Run until it is stopped; print the news."""
+    """Run until it is stopped."""
     began = time.monotonic()
     over = False
     while not (over or stop.asked()):
@@ -97,6 +96,4 @@ def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> No
         if not one.advance(now_ns):
             one.wait(now_ns, _WAIT_S)
         over = duration_s is not None and time.monotonic() - began >= duration_s
-        for news in one.take_notices():
-            print(f"{'! ' if news.severe else ''}{printable(news.text)}", flush=True)
     print(f"stopped after {one.flights} flights, {one.steps} steps, {one.missed} missed")
