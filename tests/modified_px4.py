@@ -27,8 +27,8 @@ class ModifiedPx4:
     def __init__(self, now_ns, link=None, **parameters):
         self.link = link
         self.table = ParameterTable()
-        values = FLOWN_BY_POSES | parameters
-        assert {self.table.set(*value) for value in values.items()} == {""}
+        for name, value in (FLOWN_BY_POSES | parameters).items():
+            self.table.store(name, value)
         self.mute = set()
         """Messages that it does not send, unless they are asked for."""
         self.deaf = lambda message: False

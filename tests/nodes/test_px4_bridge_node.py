@@ -75,7 +75,7 @@ class Lab:
 
     def set_parameter(self, name, value):
         """As a ground station does it: PX4 sends it to the others."""
-        assert self.px4.table.set(name, value) == ""
+        self.px4.table.store(name, value)
         self.px4.send(ParameterServer(self.px4.table).value(name)[0])
 
     def publish(self):

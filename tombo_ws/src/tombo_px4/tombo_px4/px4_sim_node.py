@@ -43,7 +43,7 @@ def warm_up(world: World) -> Px4Vehicle:
     """Load all compiled code before the flight: fly a spare vehicle until it has lifted off."""
     table = ParameterTable()
     for name, value in FLOWN_BY_POSES.items():
-        table.set(name, value)
+        table.store(name, value)
     spare = Px4Vehicle(world, 0, table)
     up = OffboardSetpoint(position=spare.home + np.array([0.0, 0.0, 2.0]), yaw=0.0)
     ground = spare.simulator.height
@@ -113,8 +113,7 @@ class Px4SimNode(VehicleNode):
             default = kind(FLOWN_BY_POSES.get(p.name, p.default))
             text = f"{p.doc} [{p.unit}]" if p.unit else p.doc
             value = self.declare(f"px4.{p.name}", default, text, bounds=(p.low, p.high))
-            if value != kind(p.default) and (refusal := table.set(p.name, value)):
-                raise InputError(f"px4.{refusal}")
+            table.store(p.name, value)
         return table
 
     def begin(self) -> None:

@@ -134,7 +134,7 @@ class Bench:
     def take_off(self, height: float = 1.0) -> None:
         self.settle()
         assert self.acks(ARM, 1.0) == [0]
-        assert self.vehicle.parameters.set("MIS_TAKEOFF_ALT", height) == ""
+        self.vehicle.parameters.store("MIS_TAKEOFF_ALT", height)
         assert self.acks(TAKEOFF, *4 * (float("nan"),), *3 * (float("nan"),)) == [0]
         self.run(12.0, lambda _: self.vehicle.mode.sub == 3)
 

@@ -20,7 +20,7 @@ def taken_off() -> Flight:
 @pytest.mark.parametrize("height", [None, 1.5])
 def test_takes_off_and_holds(height):
     flight = ready()
-    flight.vehicle.parameters.set("MIS_TAKEOFF_ALT", 3.0)
+    flight.vehicle.parameters.store("MIS_TAKEOFF_ALT", 3.0)
     flight.take_off(height)
     assert flight.vehicle.landed == MavLandedState.ON_GROUND
     assert flight.fly(2.7)[:, 2].max() < GROUND  # spins up, then pushes ever harder

@@ -72,8 +72,8 @@ def test_a_motion_capture_that_stays_elsewhere_is_believed():
 
 def test_after_the_time_that_is_set_it_descends_level_and_stops():
     flight = hovering(vision=True)
-    flight.vehicle.parameters.set("EKF2_NOAID_TOUT", 1_000_000)
-    flight.vehicle.parameters.set("COM_OBL_RC_ACT", 4)
+    flight.vehicle.parameters.store("EKF2_NOAID_TOUT", 1_000_000)
+    flight.vehicle.parameters.store("COM_OBL_RC_ACT", 4)
     flight.see = False
     lost = flight.fly_until(lambda: flight.vehicle.failsafe, 2.0)
     assert lost == pytest.approx(1.0, abs=0.1)
@@ -96,7 +96,7 @@ RECORDED = yaml.safe_load((Path(__file__).parent / "recorded_losses.yaml").read_
 def test_after_a_loss_it_does_what_a_real_px4_did(recorded):
     flight = hovering(vision=True)
     for name, value in {**FLOWN_BY_POSES, **recorded["parameters"]}.items():
-        assert flight.vehicle.parameters.set(name, value) == ""
+        flight.vehicle.parameters.store(name, value)
     began, period = flight.body[:2].copy(), flight.period
     flight.see = False
     flight.period = period if recorded["lost"] == "poses" else 10**9

@@ -92,16 +92,16 @@ class Lab:
 
     def text(self, key, blocks=True):
         """The text of a finding that forbids to arm."""
-        findings = {f.key: f for f in self.findings()}
+        findings = {f.check.key: f for f in self.findings()}
         assert key in findings, sorted(findings)
-        assert findings[key].blocks == blocks
+        assert findings[key].check.blocks == blocks
         return findings[key].text
 
     def warning(self, key):
         return self.text(key, blocks=False)
 
     def finding_keys(self):
-        return {f.key for f in self.findings()}
+        return {f.check.key for f in self.findings()}
 
 
 @pytest.fixture
@@ -235,7 +235,7 @@ def test_poses_that_turn_otherwise_than_the_gyro_forbid_arming(lab, sure):
     made = lab.preflight()
     made.verdict = VERDICT._replace(mistake="poses turn otherwise than PX4's gyro", sure=sure)
     (finding,) = lab.findings(made)
-    assert (finding.key, finding.blocks) == ("mocap_axes", True)
+    assert (finding.check.key, finding.check.blocks) == ("mocap_axes", True)
 
 
 def test_a_proof_counts_for_the_hardware_that_it_names():
@@ -263,7 +263,7 @@ def test_refused_poses_are_named_for_as_long_as_they_come(lab, why, age, words):
     made = lab.preflight()
     made.refused_pose(why, NOW - 100 * MS, age)
     (finding,) = lab.findings(made)
-    assert finding.blocks
+    assert finding.check.blocks
     assert words in finding.text
     made.refused_pose(why, NOW - 3 * SECOND, age)
     assert lab.findings(made) == []
@@ -347,7 +347,7 @@ def test_a_body_that_lies_otherwise_in_the_vehicle_needs_another_proof():
     made = lab.preflight()
     made.evidence = PROOF
     (finding,) = lab.findings(made)
-    assert finding.key == "axes_unproven" and finding.blocks
+    assert finding.check.key == "axes_unproven" and finding.check.blocks
     assert "was of another body: it lay 3.0 deg differently" in finding.text
 
 
@@ -356,7 +356,7 @@ def test_a_motion_by_hand_that_shows_a_mistake_refutes_the_proof():
     made = lab.preflight()
     made.evidence = PROOF
     made.verdict = VERDICT._replace(mistake="x of the rigid body is not the nose")
-    findings = {f.key: f for f in lab.findings(made)}
+    findings = {f.check.key: f for f in lab.findings(made)}
     assert "is not the nose" in findings["mocap_axes"].text
     record = made.take_evidence()
     assert record is not None and "is not the nose" in record.mistake
@@ -390,8 +390,8 @@ def test_a_proof_is_kept_with_its_date_once_the_vehicle_stands():
 )
 def test_parameters_with_which_a_loss_does_not_end_forbid_arming(lab, name, value):
     lab.values |= {name: value}
-    (finding,) = (f for f in lab.findings() if f.key == "loss_parameters")
-    assert finding.blocks
+    (finding,) = (f for f in lab.findings() if f.check.key == "loss_parameters")
+    assert finding.check.blocks
     assert f"{name} is {value:g}, set it to {SAFE_PARAMETERS[name]:g}" in finding.text
     assert "px4_parameters=safe" in finding.text
     lab.values |= parse_assignments(["safe"])

@@ -110,26 +110,12 @@ class ParameterTable:
         return min(max(value, parameter.rounded(parameter.low)), parameter.rounded(parameter.high))
 
     def store(self, name: str, value: float) -> None:
-        """Store what a client sends; KeyError: there is no such parameter."""
+        """Store a value, also out of bounds, as PX4 does; KeyError: no such parameter."""
         self.stored[name] = self._table[name].rounded(value)
 
     def type_of(self, name: str) -> Literal["int32", "float"]:
         """Return `int32` or `float`; KeyError: there is no such parameter."""
         return self._table[name].kind
-
-    def set(self, name: str, value: float) -> str:
-        """Change a value; return "" or why it is refused."""
-        parameter = self._table.get(name)
-        if parameter is None:
-            return f"unknown parameter {name}"
-        if not math.isfinite(value):
-            return f"{name}: {value} is no number"
-        if parameter.kind == "int32" and value != int(value):
-            return f"{name}: {value:g} is not a whole number"
-        if not parameter.low <= parameter.rounded(value) <= parameter.rounded(parameter.high):
-            return f"{name}: {value:g} is out of bounds {parameter.low:g} to {parameter.high:g}"
-        self.store(name, value)
-        return ""
 
     def set_vehicle_default(self, name: str, value: float) -> None:
         """Set the default of this vehicle, unless a client has set another value."""

@@ -368,7 +368,7 @@ class Bridge:
 
     @property
     def _blocking(self) -> list[Finding]:
-        return [f for f in self.findings if f.blocks]
+        return [f for f in self.findings if f.check.blocks]
 
     def _must_land(self, now_ns: int) -> str:
         """Return why the flight must end, "" if it may go on."""
@@ -519,7 +519,7 @@ class Bridge:
         settled = now_ns - (self._linked_ns or now_ns) > _SETTLE_NS
         flies = self.session.stage in (SessionStage.FLYING, SessionStage.LANDING)
         for finding in self.findings if settled or flies else ():
-            out.faults[f"check.{finding.key}"] = finding.text
+            out.faults[f"check.{finding.check.key}"] = finding.text
         if self.session.stage == SessionStage.FLYING:
             out.faults.update(self.stream.faults(now_ns))
         if settled:
@@ -565,7 +565,7 @@ class Bridge:
             if last is None or last.stamp_ns is None
             else round((last.arrival_ns - last.stamp_ns) * 1e-6, 2),
             "findings": " | ".join(
-                f"{'blocks' if f.blocks else 'warning'}: {f.text}" for f in self.findings
+                f"{'blocks' if f.check.blocks else 'warning'}: {f.text}" for f in self.findings
             ),
         }
         for prefix, values in (

@@ -128,16 +128,6 @@ class Finding(NamedTuple):
     check: Check
     text: str
 
-    @property
-    def key(self) -> str:
-        """Key of the check."""
-        return self.check.key
-
-    @property
-    def blocks(self) -> bool:
-        """The bridge does not arm."""
-        return self.check.blocks
-
 
 class Checklist:
     """Collects poses and telemetry, keeps the proof of the axes, asks the questions.
@@ -263,7 +253,7 @@ class Checklist:
         if not flying:
             self._keep_proof()
         findings = self._ask(When.FLIGHT if flying else When.GROUND)
-        return sorted(findings, key=lambda finding: not finding.blocks)
+        return sorted(findings, key=lambda finding: not finding.check.blocks)
 
     def motion_findings(
         self, drift_m: float, checks_takeoff: bool, silent_s: float

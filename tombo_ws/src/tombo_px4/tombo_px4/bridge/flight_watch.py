@@ -157,7 +157,8 @@ class FlightWatch:
             return broken
         pose_s = (now_ns - self.pose_ns) * 1e-9
         if pose_s > self._params.pose_loss_time:
-            refused = (f.text for f in findings if f.blocks and f.key.startswith("pose_"))
+            blocking = (f for f in findings if f.check.blocks)
+            refused = (f.text for f in blocking if f.check.key.startswith("pose_"))
             return next(refused, f"no mocap pose for {pose_s:.1f} s")
         if self.jump_ns is not None and now_ns - self.jump_ns > _JUMP_NS:
             return PoseRefusal.JUMP.text
