@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core_calls import Command, Controller, Estimator, StampedEstimate
+from core_calls import Command, Controller, Estimator, StampedEstimate, take_over
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.planning import mission as plan
-from tombo_control.planning.leg import leg_yaw
-from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
+from tombo_control.planning.leg import leg_reference
 from tombo_dynamics.messages import Odometry, Phase, PositionSetpoint
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vector, tilt
@@ -57,7 +56,8 @@ class Lockstep:
         self.controller = Controller(
             scenario.control, scenario.vehicle, InputLimits(), self.simulator.setup.maps
         )
-        self.mission = plan.begin(self.simulator.setup.start)
+        self.mission = plan.MissionState.new()
+        plan.begin(self.mission, self.simulator.setup.start)
         self.steer: Callable[[float], PositionSetpoint | None] | None = None
         """Set point at a time [s] in place of the mission's; None: none is sent."""
         self.odometry_ticks = 1
@@ -135,22 +135,11 @@ class Lockstep:
             self.observer.phase(setpoint.phase)
 
     def _setpoint(self, time_s: float) -> PositionSetpoint:
-        leg = self.mission.leg
-        way, speed, change = trapezoidal_profile(
-            time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
-        )
-        start, cruise = np.array(leg.start), np.array(leg.velocity)
-        return PositionSetpoint(
-            0,
-            start + way * cruise,
-            speed * cruise,
-            change * cruise,
-            leg_yaw(leg, time_s),
-            self.mission.mode,
-        )
+        *reference, yaw = leg_reference(self.mission.leg, time_s)
+        return PositionSetpoint(0, *map(np.array, reference), yaw, self.mission.mode)
 
     def _proceed(self, estimate: StampedEstimate) -> None:
-        self.mission = plan.advance_mission(
+        plan.advance_mission(
             self.mission,
             plan.compiled_plan(self.scenario.mission),
             self.simulator.tick * 1e-3,
@@ -164,7 +153,7 @@ def hovering(scenario: Scenario | None = None, height: float = 2.0, seed: int = 
     flight = Lockstep(scenario or calm(), seed)
     flight.steer = lambda _: None
     flight.fly(0.2)
-    flight.controller.take_over()
+    take_over(flight.controller)
     flight.steer = lambda _: hover_at(0.0, 0.0, height)
     flight.fly(1.5 * height + 3.0)
     assert abs(flight.position[2] - height) < 0.2

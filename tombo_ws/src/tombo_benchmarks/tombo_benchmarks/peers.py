@@ -30,8 +30,7 @@ import numpy as np
 from tombo_benchmarks.docs.markdown import table_markdown
 from tombo_benchmarks.speed.kernel_flight import fly_vehicles, new_flight
 from tombo_bringup.cli.errors import exit_code_of
-from tombo_control.planning.leg import Leg, store_leg, straight_leg
-from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
+from tombo_control.planning.leg import Leg, leg_reference, store_leg, straight_leg
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.messages import Phase
@@ -81,12 +80,8 @@ def set_points() -> Array:
     """Return position, velocity and acceleration (K, 9) that are asked for, every 20 ms, map."""
     rows = []
     for leg, first, last in course_legs():
-        start, cruise = np.array(leg.start), np.array(leg.velocity)
         for tick in range(first, last, _SET_POINT_TICKS):
-            way, speed, change = trapezoidal_profile(
-                tick * TICK_S - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s
-            )
-            rows.append(np.concatenate([start + way * cruise, speed * cruise, change * cruise]))
+            rows.append(np.concatenate(leg_reference(leg, tick * TICK_S)[:3]))
     return np.array(rows)
 
 

@@ -6,7 +6,13 @@ import numpy as np
 
 from core_calls import Mission
 from tombo_control.planning.leg import leg_position, leg_yaw
-from tombo_control.planning.mission import MissionParams, advance_mission, begin, compiled_plan
+from tombo_control.planning.mission import (
+    MissionParams,
+    MissionState,
+    advance_mission,
+    begin,
+    compiled_plan,
+)
 from tombo_control.planning.mission_memory import MissionLimits
 from tombo_dynamics.messages import Phase
 
@@ -73,7 +79,8 @@ class Follower:
 
     def __init__(self, plan=PLAN, step=1.0 / 30.0):
         self.plan, self.step = plan, step
-        self.state = begin(HOME)
+        self.state = MissionState.new()
+        begin(self.state, HOME)
         self.position = HOME
         self.n = 0
         self.rows = []
@@ -86,15 +93,13 @@ class Follower:
         """Fly until a time [s], or until a mode."""
         while self.now < until and self.state.mode != mode:
             self.n += 1
-            leg, now = self.state.leg, self.now
-            there = np.array(leg_position(leg, now))
+            now, yaw = self.now, leg_yaw(self.state.leg, self.now)
+            there = np.array(leg_position(self.state.leg, now))
             there[2] = max(there[2], HOME[2])
             velocity = (there - self.position) / self.step
             self.position = there
-            self.state = advance_mission(
-                self.state, compiled_plan(self.plan), now, there, velocity
-            )
-            self.rows.append((now, self.state.mode, there, leg_yaw(leg, now), self.state.steps))
+            advance_mission(self.state, compiled_plan(self.plan), now, there, velocity)
+            self.rows.append((now, self.state.mode, there, yaw, self.state.steps))
         return self
 
     def column(self, i):

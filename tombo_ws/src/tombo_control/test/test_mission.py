@@ -1,5 +1,6 @@
 """The mission: its phases in order, escape and hold, landing."""
 
+import copy
 import itertools
 from dataclasses import replace
 
@@ -23,13 +24,15 @@ STILL = np.zeros(3)
 
 def advanced(state, now, position, velocity=STILL):
     """The state one step on, by the default plan."""
-    return advance_mission(state, compiled_plan(PLAN), now, position, velocity)
+    state = copy.deepcopy(state)
+    advance_mission(state, compiled_plan(PLAN), now, position, velocity)
+    return state
 
 
 def collided():
     """A flight that has been told to leave for x_r in its approach."""
     flight = Follower(PLAN).run(23.0)
-    flight.state = start_reaction(flight.state, flight.position - [0.8, 0.0, 0.0], flight.now)
+    start_reaction(flight.state, flight.position - [0.8, 0.0, 0.0], flight.now)
     return flight
 
 

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tombo_control.planning.leg import leg_position, straight_leg
-from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
+from tombo_control.planning.leg import leg_position, straight_leg, trapezoidal_profile
 
 durations = st.floats(0.1, 100.0)
 shares = st.one_of(st.just(0.0), st.floats(1e-3, 0.5))

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from tombo_control.planning.leg import leg_position
-from tombo_control.planning.mission import MissionParams, advance_mission, begin, compiled_plan
+from tombo_control.planning.mission import (
+    MissionParams,
+    MissionState,
+    advance_mission,
+    begin,
+    compiled_plan,
+)
 from tombo_control.planning.mission import resume as resume_mission
 from tombo_control.planning.timed_course import (
     course_pieces,
@@ -85,15 +91,16 @@ def test_the_mission_follows_it_goes_back_after_a_push_and_lands() -> None:
         course=samples(4),
     )  # fmt: skip
     plan = compiled_plan(params)
-    state = begin(np.array([0.0, 0.0, 0.18]))
+    state = MissionState.new()
+    begin(state, np.array([0.0, 0.0, 0.18]))
     here, began, pushed = HOVER_AT, None, False
     for k in range(1, 1000):
         now = k * PERIOD_S
         if state.mode == Phase.APPROACH and state.steps == 31 and not pushed:
             pushed, aside = True, np.array([2.0, 1.0, 1.5])
-            state = resume_mission(state, plan, now, aside)
+            resume_mission(state, plan, now, aside)
             assert leg_position(state.leg, now) == pytest.approx(aside)
-        state = advance_mission(state, plan, now, here, np.zeros(3))
+        advance_mission(state, plan, now, here, np.zeros(3))
         here = np.array(leg_position(state.leg, now)) if state.mode != Phase.TAKEOFF else HOVER_AT
         if state.mode == Phase.LAND:
             break

@@ -20,15 +20,15 @@ from tombo_control.planning.commanded_course import (
     plan_with,
     progress,
 )
-from tombo_control.planning.leg import leg_position, leg_reference, motion_end, stored_leg
+from tombo_control.planning.leg import leg_position, leg_reference, motion_end
 from tombo_control.planning.mission import (
     MissionParams,
     MissionState,
     Plan,
     advance_mission,
     begin,
+    begin_in_flight,
     compiled_plan,
-    initial_state_in_flight,
     land,
     resume,
     start_reaction,
@@ -41,8 +41,6 @@ from tombo_control.planning.mission_memory import (
     StatusEntry,
     WaitReason,
     begin_mission,
-    mission_state,
-    store_state,
 )
 from tombo_control.safety.params import SafetyParams
 from tombo_dynamics.arrays import Array
@@ -168,9 +166,9 @@ def step_mission(
         memory.has_estimate = True
         memory.has_flown = memory.position[2] > limits.ground_height + _AIRBORNE_HEIGHT
         if memory.has_flown:
-            store_state(memory, initial_state_in_flight(memory.position, limits.ground_height))
+            begin_in_flight(memory, memory.position, limits.ground_height)
         else:
-            store_state(memory, begin(memory.position))
+            begin(memory, memory.position)
         passed = 0
     waited = memory.wait_reason
     passed = min(passed, _MAX_CLOCK_STEP_NS)
@@ -191,6 +189,11 @@ def step_mission(
     memory.status.phase = mode
     memory.status.wait_reason = reason
     memory.setpoint_due = True
+
+
+@compiled(inline=False)
+def _flies(mode: int) -> bool:
+    return mode != Phase.IDLE and mode != Phase.LAND and mode != Phase.LANDED
 
 
 @compiled(inline=False)
@@ -231,7 +234,7 @@ def _is_too_near(memory: MissionMemory, now_s: float) -> bool:
         return False
     if memory.wait_reason == WaitReason.COMPANY:
         return _is_taken(memory)
-    leg = stored_leg(memory.leg)
+    leg = memory.leg
     ahead_s = _LAG_S + norm(leg.velocity) / (2.0 * _BRAKING)
     for k in range(_LOOKS):
         memory.refused = leg_position(leg, now_s + ahead_s * k / (_LOOKS - 1))
@@ -253,65 +256,63 @@ def _is_taken(memory: MissionMemory) -> bool:
 @compiled(inline=False)
 def _advance(memory: MissionMemory, plan: Plan, limits: MissionLimits, waited: int) -> None:
     """Take the plan's next step, with a fresh estimate."""
-    state, now, position = mission_state(memory), memory.time_ns * 1e-9, memory.position
+    now, position = memory.time_ns * 1e-9, memory.position
     if not math.isnan(memory.escape[0]):
-        if state.mode != Phase.IDLE and state.mode != Phase.LAND and state.mode != Phase.LANDED:
-            state = start_reaction(state, memory.escape, now)
+        if _flies(memory.mode):
+            start_reaction(memory, memory.escape, now)
         memory.escape[0] = math.nan
-    if state.mode == Phase.IDLE:
-        state = begin(position)
-    if _is_on_ground(memory, state, now):
-        store_state(memory, wait(state, Phase.LANDED.value, now, position))
+    if memory.mode == Phase.IDLE:
+        begin(memory, position)
+    if _is_on_ground(memory, now):
+        wait(memory, Phase.LANDED.value, now, position)
         return
     waiting = memory.wait_reason == WaitReason.OPERATOR or (
-        _is_planned(state.mode) and memory.wait_reason != WaitReason.NONE
+        _is_planned(memory.mode) and memory.wait_reason != WaitReason.NONE
     )
-    error = norm(subtract(leg_position(state.leg, now), position))
-    moves = state.leg.velocity != ZERO and now < state.leg.end_s
-    if state.mode != Phase.IDLE and _is_planned(state.mode):
+    error = norm(subtract(leg_position(memory.leg, now), position))
+    moves = vector(memory.leg.velocity) != ZERO and now < memory.leg.end_s
+    if memory.mode != Phase.IDLE and _is_planned(memory.mode):
         if waiting:
             follows = error > _DRIFT and memory.wait_reason != WaitReason.COMPANY
             if waited == WaitReason.NONE or follows:
-                state = wait(state, state.mode, now, position)
+                wait(memory, memory.mode, now, position)
         elif (
             waited >= WaitReason.REACTION_HOLDS
             or (waited != WaitReason.NONE and error > _DRIFT)
             or (moves and error > limits.lag_max)
         ):
-            state = resume(state, plan, now, position)
-    late = state.mode != Phase.IDLE and now >= plan.params.land_time
-    ready = memory.started or state.mode != Phase.IDLE
+            resume(memory, plan, now, position)
+    late = memory.mode != Phase.IDLE and now >= plan.params.land_time
+    ready = memory.started or memory.mode != Phase.IDLE
     if (ready and not waiting) or late:
-        state = advance_mission(state, plan, now, position, memory.velocity)
-    store_state(memory, state)
+        advance_mission(memory, plan, now, position, memory.velocity)
 
 
 @compiled(inline=False)
-def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> bool:
+def _is_on_ground(memory: MissionMemory, now: float) -> bool:
     """Say whether the vehicle stands on the ground though it is to fly.
 
     It has crashed, or somebody has put it there; or it does not lift off.
     """
     height = memory.position[2]
-    if state.mode == Phase.IDLE:
+    if memory.mode == Phase.IDLE:
         memory.has_flown = False
         memory.has_lifted = False
-    elif height > state.home[2] + _AIRBORNE_HEIGHT:
+    elif height > memory.home[2] + _AIRBORNE_HEIGHT:
         memory.has_flown = True
-    memory.has_lifted = memory.has_lifted or height > state.home[2] + _LIFT_OFF_HEIGHT
-    _, _, planned = leg_position(state.leg, motion_end(state.leg))
-    low = height < state.home[2] + _GROUND_HEIGHT and height < planned - _BELOW_PLAN
+    memory.has_lifted = memory.has_lifted or height > memory.home[2] + _LIFT_OFF_HEIGHT
+    _, _, planned = leg_position(memory.leg, motion_end(memory.leg))
+    low = height < memory.home[2] + _GROUND_HEIGHT and height < planned - _BELOW_PLAN
     slow = norm(memory.velocity) < _REST_SPEED
-    flies = state.mode != Phase.IDLE and state.mode != Phase.LAND and state.mode != Phase.LANDED
-    if not (low and slow and flies) or memory.wait_reason != WaitReason.NONE:
+    if not (low and slow and _flies(memory.mode)) or memory.wait_reason != WaitReason.NONE:
         memory.rest_since_s = math.inf
         return False
     memory.rest_since_s = min(memory.rest_since_s, now)
     rests_s = now - memory.rest_since_s
     fallen_back = (
-        state.mode == Phase.TAKEOFF
+        memory.mode == Phase.TAKEOFF
         and memory.has_lifted
-        and height < state.home[2] + _FALLEN_BACK_HEIGHT
+        and height < memory.home[2] + _FALLEN_BACK_HEIGHT
     )
     if fallen_back and rests_s >= _FALLEN_BACK_TIME_S:
         return True
@@ -322,9 +323,7 @@ def _is_on_ground(memory: MissionMemory, state: MissionState, now: float) -> boo
 def _set_point(memory: MissionMemory, now_ns: int, still: bool) -> None:
     """Write the reference at the present flight time; `still`: held where it is."""
     out = memory.setpoint
-    position, velocity, acceleration, yaw = leg_reference(
-        stored_leg(memory.leg), memory.time_ns * 1e-9
-    )
+    position, velocity, acceleration, yaw = leg_reference(memory.leg, memory.time_ns * 1e-9)
     out.position = position
     out.velocity = ZERO if still else velocity
     out.acceleration = ZERO if still else acceleration
@@ -365,7 +364,7 @@ def take_off(memory: MissionMemory, disarmed: bool) -> bool:
     memory.started = True
     memory.takeoff_commands += 1
     if memory.mode == Phase.LANDED or put_down:
-        store_state(memory, begin(memory.position))
+        begin(memory, memory.position)
         memory.time_ns = _SHOWS_IDLE_NS
         memory.has_flown = False
         memory.has_lifted = False
@@ -383,8 +382,7 @@ def land_now(memory: MissionMemory, plan: Plan) -> bool:
         return True
     if memory.mode == Phase.LAND or memory.mode == Phase.LANDED:
         return bool(memory.mode == Phase.LAND)
-    state = land(mission_state(memory), plan, memory.time_ns * 1e-9, memory.position)
-    store_state(memory, state)
+    land(memory, plan, memory.time_ns * 1e-9, memory.position)
     return True
 
 
@@ -523,23 +521,19 @@ class MissionCore(Core):
         Raises:
             InputError: not in this phase, or a place that can't be flown to.
         """
-        state, now_s = mission_state(self.memory), self.time_s
-        first = begin_course(state, now_s)
         speed = speed or self._params.approach_speed
-        self._begin(first, course_of(name, poses, state, now_s, speed, hold))
+        self._begin(course_of(name, poses, self.memory, self.time_s, speed, hold))
 
     def hold_course(self) -> None:
         """End a commanded course where its reference is, and hold there."""
         if self._course is not None:
-            state, now_s = mission_state(self.memory), self.time_s
-            position = course_here(state, now_s, self._params.approach_speed)
-            self._begin(begin_course(state, now_s), position)
+            self._begin(course_here(self.memory, self.time_s, self._params.approach_speed))
 
-    def _begin(self, state: MissionState, course: Array) -> None:
+    def _begin(self, course: Array) -> None:
+        begin_course(self.memory, self.time_s)
         self._course = course, self.time_s
         self.courses += 1
         self.plan = plan_with(self._params, *self._course)
-        store_state(self.memory, state)
 
     @property
     def course_progress(self) -> CourseProgress | None:
@@ -547,7 +541,7 @@ class MissionCore(Core):
         if self._course is None:
             return None
         memory = self.memory
-        return progress(mission_state(memory), self._course[0], self.time_s, memory.position)
+        return progress(memory, self._course[0], self.time_s, memory.position)
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Go on with the plan; return its set point, and its status when that has changed."""
@@ -605,7 +599,7 @@ class MissionCore(Core):
     @property
     def state(self) -> MissionState | None:
         """Where the plan stands; None before the first estimate."""
-        return mission_state(self.memory) if self.memory.has_estimate else None
+        return self.memory if self.memory.has_estimate else None
 
     @property
     def mode(self) -> int:

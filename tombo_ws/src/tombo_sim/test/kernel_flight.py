@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from core_calls import Estimator, Mission
+from core_calls import Estimator, Mission, begin_in_flight
 from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams, ReactionLimits
 from tombo_collision.reaction_core import ReactionCore
@@ -14,10 +14,9 @@ from tombo_control.autopilot import Autopilot, new_autopilot, restart_estimate
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimator import store_history
 from tombo_control.params import ControlParams, EstimatorParams, InputLimits
-from tombo_control.planning.leg import hold_leg, store_leg, stored_leg
-from tombo_control.planning.mission import MissionParams, MissionState
-from tombo_control.planning.mission_memory import MissionLimits, store_state
-from tombo_control.safety.watch import begin_in_flight
+from tombo_control.planning.leg import hold_leg, store_leg
+from tombo_control.planning.mission import MissionParams
+from tombo_control.planning.mission_memory import MissionLimits
 from tombo_dynamics.effects.compose import new_plant, pack_theta
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.propeller import configuration, thrust_map
@@ -107,13 +106,14 @@ def hovering_cores(plant, a):
     estimator.memory.running = True
     estimator.memory.next_tick = EPOCH_NS // TICK_NS
     mission = Mission(MissionParams(approach_time=3600.0, land_time=3600.0), MissionLimits())
-    leg = stored_leg(a.leg)
-    store_state(mission.memory, MissionState(Phase.HOVER, leg, (0.0, 0.0, 0.0)))
+    mission.memory.mode, mission.memory.leg = Phase.HOVER, a.leg
+    mission.memory.settled_since_s = np.inf
+    mission.memory.settled_s = mission.memory.course_s = np.nan
     mission.memory.has_estimate = True
     mission.estimate(body[:3], np.zeros(3), EPOCH_NS)
     controller = ControllerCore(ControlParams(), VEHICLE, InputLimits(), maps())
     controller.autopilot.as_array()[0] = a
-    begin_in_flight(controller.memory.watch)
+    begin_in_flight(controller)
     controller.memory.has_setpoint = True
     controller.memory.setpoint["phase"] = Phase.HOVER
     controller.memory.setpoint["position"] = a.leg.start

@@ -12,7 +12,7 @@ from tombo_control.loops.inner_loops import (
 )
 from tombo_control.loops.position_control import begin_descent, descend, position_control
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
-from tombo_control.planning.leg import leg_reference, stored_leg
+from tombo_control.planning.leg import leg_reference
 from tombo_control.recovery.folded_rotors import allocate_folded, available_thrust
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
@@ -100,9 +100,7 @@ def cascade(autopilot: Autopilot, maps: RotorMaps, tick: int) -> None:
         autopilot.mode_flown = Phase.DESCEND_BLIND if blind else mode
         if not blind:
             setpoint = autopilot.setpoint
-            position_now, velocity, acceleration, yaw = leg_reference(
-                stored_leg(autopilot.leg), time
-            )
+            position_now, velocity, acceleration, yaw = leg_reference(autopilot.leg, time)
             setpoint.position = position_now
             setpoint.velocity = velocity
             setpoint.acceleration = acceleration

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tombo_control.planning.course import (
     Waypoint,
     leg_to,
@@ -14,8 +16,8 @@ from tombo_control.planning.course import (
     resolved_waypoint,
     waypoint_table,
 )
-from tombo_control.planning.leg import Point, hold_leg, leg_position, leg_yaw, motion_end
-from tombo_control.planning.mission import MissionParams, MissionState, Plan, compiled_plan
+from tombo_control.planning.leg import Point, leg_position, leg_yaw, motion_end
+from tombo_control.planning.mission import MissionParams, MissionState, Plan, compiled_plan, wait
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.frames import FRAME_MAP, is_map
@@ -64,8 +66,10 @@ def course_of(
         hold: at each place but the last [s].
 
     Raises:
-        InputError: not in map, NaN, no rotation, out of the bounds of a waypoint, or none at all.
+        InputError: not in this phase; not in map, NaN, no rotation, out of the bounds of a
+            waypoint, or none at all.
     """
+    _check_phase(state)
     _, _, z = leg_position(state.leg, now_s)
     yaw = leg_yaw(state.leg, now_s)
     waypoints = []
@@ -86,7 +90,8 @@ def course_of(
 
 
 def course_here(state: MissionState, now_s: float, speed: float) -> Array:
-    """Return the course that ends where the reference is."""
+    """Return the course that ends where the reference is; raise InputError in another phase."""
+    _check_phase(state)
     x, y, z = leg_position(state.leg, now_s)
     return _held_at_the_end([Waypoint(x, y, z, leg_yaw(state.leg, now_s), speed)])
 
@@ -97,17 +102,20 @@ def _held_at_the_end(course: Sequence[Waypoint]) -> Array:
     return table
 
 
-def begin_course(state: MissionState, now_s: float) -> MissionState:
-    """Return the state at the begin of a commanded course: the reference rests where it is.
-
-    Raises:
-        InputError: not in this phase.
-    """
+def _check_phase(state: MissionState) -> None:
+    """Refuse a course in a phase that it can't begin in."""
     if state.mode not in _FLIES_FROM:
         accepted = ", ".join(PHASE_NAMES[phase] for phase in _FLIES_FROM)
         raise InputError(f"course in phase {PHASE_NAMES[state.mode]}; accepted: {accepted}")
-    leg = hold_leg(leg_position(state.leg, now_s), now_s, leg_yaw(state.leg, now_s))
-    return MissionState(Phase.APPROACH.value, leg, state.home)
+
+
+def begin_course(state: MissionState, now_s: float) -> None:
+    """Begin a commanded course: the reference rests where it is."""
+    here = np.array(leg_position(state.leg, now_s))
+    wait(state, Phase.APPROACH.value, now_s, here)
+    state.steps = 0
+    state.settled_since_s = math.inf
+    state.settled_s = state.course_s = math.nan
 
 
 def plan_with(params: MissionParams, course: Array, began_s: float) -> Plan:
@@ -138,4 +146,4 @@ def progress(state: MissionState, course: Array, now_s: float, position: Array) 
         here, yaw = place, target.yaw
     arrived = state.steps == legs and time_left == 0.0
     near = math.dist(here, (position[0], position[1], position[2])) < _ARRIVAL_DISTANCE
-    return CourseProgress(max(state.steps, 1), legs, distance, time_left, arrived and near)
+    return CourseProgress(max(int(state.steps), 1), legs, distance, time_left, arrived and near)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from tombo_control.planning.trapezoidal_profile import trapezoidal_profile
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.records import Record, field
-from tombo_dynamics.vectors import scale
+from tombo_dynamics.vectors import add_scaled, scale
 
 Point = tuple[float, float, float]
 
@@ -59,6 +58,9 @@ class LegRecord(Record):
     acceleration = field("m/s^2", "of a leg without ramps, in map", 3)
 
 
+AnyLeg = Leg | LegRecord
+
+
 @compiled(inline=False)
 def store_leg(record: LegRecord, leg: Leg) -> None:
     """Write a leg into a record."""
@@ -72,42 +74,47 @@ def store_leg(record: LegRecord, leg: Leg) -> None:
     record.hold_s = leg.hold_s
 
 
-@compiled(inline=False)
-def stored_leg(record: LegRecord) -> Leg:
-    """Return the leg that a record holds."""
-    return Leg(
-        (record.start[0], record.start[1], record.start[2]),
-        (record.velocity[0], record.velocity[1], record.velocity[2]),
-        record.begin_s,
-        record.end_s,
-        record.ramp_s,
-        record.yaw,
-        record.yaw_rate,
-        record.turn_s,
-        record.turn_ramp_s,
-        record.hold_s,
-        (record.acceleration[0], record.acceleration[1], record.acceleration[2]),
-    )
+@compiled
+def trapezoidal_profile(since: float, duration: float, ramp: float) -> tuple[float, float, float]:
+    """Return way, speed and acceleration along a leg, each divided by the cruise speed.
+
+    Speed rises linearly from 0 to 1 within `ramp`, stays, and falls to 0 within the last `ramp`.
+
+    Args:
+        since: time since the leg's begin [s]; before 0 and after `duration` it stands still.
+        duration: length of the leg in time [s], at least twice the ramp.
+        ramp: time to reach cruise speed [s]; 0 starts and stops at once.
+
+    Returns:
+        way [s], speed [1], acceleration [1/s].
+    """
+    t = min(max(since, 0.0), duration)
+    if t < ramp:
+        return 0.5 * t * t / ramp, t / ramp, 1.0 / ramp if since >= 0.0 else 0.0
+    if t <= duration - ramp and since < duration:
+        return t - 0.5 * ramp, 1.0 if since >= 0.0 else 0.0, 0.0
+    left = duration - t
+    if left <= 0.0:
+        return duration - ramp, 0.0, 0.0
+    return duration - ramp - 0.5 * left * left / ramp, left / ramp, -1.0 / ramp
 
 
 @compiled(inline=False)
-def leg_position(leg: Leg, time_s: float) -> Point:
+def leg_position(leg: AnyLeg, time_s: float) -> Point:
     """Return the reference position at `time_s` [s]."""
     way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.end_s - leg.begin_s, leg.ramp_s)
-    x, y, z = leg.start
-    vx, vy, vz = leg.velocity
-    return x + vx * way, y + vy * way, z + vz * way
+    return add_scaled(leg.start, way, leg.velocity)
 
 
 @compiled(inline=False)
-def leg_yaw(leg: Leg, time_s: float) -> float:
+def leg_yaw(leg: AnyLeg, time_s: float) -> float:
     """Return the reference yaw [rad] at `time_s` [s]."""
     way, _, _ = trapezoidal_profile(time_s - leg.begin_s, leg.turn_s, leg.turn_ramp_s)
     return leg.yaw + leg.yaw_rate * way
 
 
 @compiled(inline=False)
-def leg_reference(leg: Leg, time_s: float) -> tuple[Point, Point, Point, float]:
+def leg_reference(leg: AnyLeg, time_s: float) -> tuple[Point, Point, Point, float]:
     """Return position, the feed-forward of velocity and acceleration, and yaw at `time_s` [s]."""
     since = time_s - leg.begin_s
     _, speed, change = trapezoidal_profile(since, leg.end_s - leg.begin_s, leg.ramp_s)
@@ -119,7 +126,7 @@ def leg_reference(leg: Leg, time_s: float) -> tuple[Point, Point, Point, float]:
 
 
 @compiled(inline=False)
-def motion_end(leg: Leg) -> float:
+def motion_end(leg: AnyLeg) -> float:
     """Return when way and turn are over [s]."""
     return max(leg.end_s, leg.begin_s + leg.turn_s)
 

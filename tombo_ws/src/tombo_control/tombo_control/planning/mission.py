@@ -21,11 +21,13 @@ from tombo_control.planning.course import (
 from tombo_control.planning.leg import (
     ACCELERATION,
     Leg,
+    LegRecord,
     Point,
     hold_leg,
     leg_position,
     leg_yaw,
     motion_end,
+    store_leg,
     straight_leg,
     turning_leg,
 )
@@ -39,7 +41,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.params import param, structure
-from tombo_dynamics.records import parameter_record
+from tombo_dynamics.records import Record, field, parameter_record
 from tombo_dynamics.vectors import dot, norm, subtract
 
 _ARRIVED, _STILL = 0.08, 0.15
@@ -107,23 +109,16 @@ def compiled_plan(params: MissionParams) -> Plan:
     return Plan(parameter_record(params), waypoint_table(course))
 
 
-class MissionState(NamedTuple):
-    """Where the mission stands. Times are those of `now_s`."""
+class MissionState(Record):
+    """Where the mission stands; the functions below change it. Times are those of `now_s`."""
 
-    mode: int
-    """`Phase`."""
-    leg: Leg
-    """The present reference, map."""
-    home: Point
-    """Where it stood before the take-off, map [m]."""
-    steps: int = 0
-    """Jumps made, or waypoints begun."""
-    settled_since_s: float = math.inf
-    """Since when it has been within the radius of x_r, and slow [s]; inf: it is not."""
-    settled_s: float = math.nan
-    """When the vehicle was first settled at x_r [s]; NaN before."""
-    course_s: float = math.nan
-    """When a timed course has begun, or will [s]; NaN: it is not begun."""
+    mode = field("1", "a `Phase`", kind=int)
+    leg = field("", "the present reference", kind=LegRecord)
+    home = field("m", "where it stood before the take-off, in map", 3)
+    steps = field("1", "jumps made, or waypoints begun", kind=int)
+    settled_since_s = field("s", "near x_r and slow since then; inf: it is not")
+    settled_s = field("s", "when it was first settled at x_r; NaN before")
+    course_s = field("s", "when a timed course has begun, or will; NaN: it is not begun")
 
 
 @compiled(inline=False)
@@ -132,52 +127,54 @@ def _point(place: Array) -> Point:
 
 
 @compiled(inline=False)
-def _with(state: MissionState, mode: int, leg: Leg, steps: int) -> MissionState:
-    """Return the state with another phase, leg and number of steps."""
-    return MissionState(
-        mode, leg, state.home, steps, state.settled_since_s, state.settled_s, state.course_s
-    )
+def _go_on(state: MissionState, mode: int, leg: Leg, steps: int) -> None:
+    """Go on in a phase, along a leg, with a number of steps."""
+    state.mode, state.steps = mode, steps
+    store_leg(state.leg, leg)
 
 
 @compiled(inline=False)
-def begin(home: Array) -> MissionState:
-    """Return the state on the ground at `home` (3)."""
-    here = _point(home)
-    leg = hold_leg(here, 0.0)
-    return MissionState(Phase.IDLE.value, leg, here, 0, math.inf, math.nan, math.nan)
+def begin(state: MissionState, home: Array) -> None:
+    """Begin on the ground at `home` (3)."""
+    _go_on(state, Phase.IDLE.value, hold_leg(_point(home), 0.0), 0)
+    state.home = home
+    state.settled_since_s = math.inf
+    state.settled_s = state.course_s = math.nan
 
 
 @compiled(inline=False)
-def initial_state_in_flight(position: Array, ground: float) -> MissionState:
-    """Return the state of a mission that begins in the air: hold at `position` (3), then land.
+def begin_in_flight(state: MissionState, position: Array, ground: float) -> None:
+    """Begin in the air: hold at `position` (3), then land.
 
     Args:
+        state: of the mission.
         position: of the vehicle.
         ground: height of a vehicle that stands on the ground [m].
     """
-    x, y, z = _point(position)
-    return MissionState(
-        Phase.HOLD.value, hold_leg((x, y, z), 0.0), (x, y, ground), 0, math.inf, 0.0, math.nan
-    )
+    begin(state, position)
+    state.mode = Phase.HOLD.value
+    state.home[2] = ground
+    state.settled_s = 0.0
 
 
 @compiled(inline=False)
-def wait(state: MissionState, mode: int, now_s: float, position: Array) -> MissionState:
+def wait(state: MissionState, mode: int, now_s: float, position: Array) -> None:
     """Stay at `position` (3) in a phase: the plan's present one, or landed."""
     leg = hold_leg(_point(position), now_s, leg_yaw(state.leg, now_s))
-    return _with(state, mode, leg, state.steps)
+    _go_on(state, mode, leg, state.steps)
 
 
 @compiled(inline=False)
-def resume(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+def resume(state: MissionState, plan: Plan, now_s: float, position: Array) -> None:
     """Go on with the plan's present phase from `position` (3), at rest there."""
     here = _point(position)
     if state.mode == Phase.TAKEOFF or state.mode == Phase.HOVER:
         leg = straight_leg(here, _top(state, plan), plan.params.climb_speed, now_s)
     elif state.mode != Phase.APPROACH:
-        return state
+        return
     elif _is_timed(plan):
-        return _to_piece(state, plan, state.steps - 1, here, now_s)
+        _to_piece(state, plan, state.steps - 1, here, now_s)
+        return
     elif plan.waypoints.shape[0] > 0:
         leg = leg_to(_target(state, plan, state.steps - 1), here, leg_yaw(state.leg, now_s), now_s)
     elif plan.params.step_size > 0.0:
@@ -185,56 +182,54 @@ def resume(state: MissionState, plan: Plan, now_s: float, position: Array) -> Mi
         leg = straight_leg(here, goal, plan.params.approach_speed, now_s)
     else:
         leg = straight_leg(here, _goal(plan), plan.params.approach_speed, now_s)
-    return _with(state, state.mode, leg, state.steps)
+    _go_on(state, state.mode, leg, state.steps)
 
 
 @compiled(inline=False)
-def start_reaction(state: MissionState, x_r: Array, now_s: float) -> MissionState:
+def start_reaction(state: MissionState, x_r: Array, now_s: float) -> None:
     """Leave the plan for the safe point x_r (3); a point that is not finite changes nothing."""
-    if not math.isfinite(x_r[0] + x_r[1] + x_r[2]):
-        return state
-    leg = hold_leg(_point(x_r), now_s, leg_yaw(state.leg, now_s))
-    return MissionState(
-        Phase.REACT.value, leg, state.home, state.steps, math.inf, math.nan, state.course_s
-    )
+    if math.isfinite(x_r[0] + x_r[1] + x_r[2]):
+        wait(state, Phase.REACT.value, now_s, x_r)
+        state.settled_since_s = math.inf
+        state.settled_s = math.nan
 
 
 @compiled(inline=False)
 def advance_mission(
     state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
-) -> MissionState:
-    """Return the state after looking at the clock and the estimate (map, SI)."""
+) -> None:
+    """Go on after a look at the clock and the estimate (map, SI)."""
     mode = state.mode
+    flying = mode == Phase.HOVER and now_s >= plan.params.approach_time
+    along = flying or mode == Phase.APPROACH
+    next_step_s = plan.params.approach_time + plan.params.step_period * state.steps
     if mode == Phase.LANDED:
-        return state
+        return
     if mode == Phase.LAND:
-        return _landing(state, now_s, position, velocity)
-    if mode != Phase.IDLE and now_s >= plan.params.land_time:
-        return land(state, plan, now_s, position)
-    if mode == Phase.IDLE and now_s >= plan.params.takeoff_time:
-        leg = straight_leg(state.home, _top(state, plan), plan.params.climb_speed, now_s)
-        return _with(state, Phase.TAKEOFF.value, leg, state.steps)
-    if mode == Phase.TAKEOFF and now_s >= state.leg.end_s:
+        _landing(state, now_s, position, velocity)
+    elif mode != Phase.IDLE and now_s >= plan.params.land_time:
+        land(state, plan, now_s, position)
+    elif mode == Phase.IDLE and now_s >= plan.params.takeoff_time:
+        top = _top(state, plan)
+        leg = straight_leg(_point(state.home), top, plan.params.climb_speed, now_s)
+        _go_on(state, Phase.TAKEOFF.value, leg, state.steps)
+    elif mode == Phase.TAKEOFF and now_s >= state.leg.end_s:
         top = _top(state, plan)
         if _is_within(position, top, _ARRIVED) and norm(velocity) < _STILL:
-            return _with(state, Phase.HOVER.value, hold_leg(top, now_s), state.steps)
-    flying = mode == Phase.HOVER and now_s >= plan.params.approach_time
-    if _is_timed(plan) and (flying or mode == Phase.APPROACH):
-        return _along_pieces(state, plan, now_s, position)
-    if plan.waypoints.shape[0] > 0 and (flying or mode == Phase.APPROACH):
-        return _along_course(state, plan, now_s, position)
-    if flying:
-        if plan.params.step_size > 0.0:
-            return _next_step(state, plan, now_s)
+            _go_on(state, Phase.HOVER.value, hold_leg(top, now_s), state.steps)
+    elif along and _is_timed(plan):
+        _along_pieces(state, plan, now_s, position)
+    elif along and plan.waypoints.shape[0] > 0:
+        _along_course(state, plan, now_s, position)
+    elif along and plan.params.step_size > 0.0:
+        if flying or now_s >= next_step_s:
+            _next_step(state, plan, now_s)
+    elif flying:
         start = leg_position(state.leg, now_s)
         leg = straight_leg(start, _goal(plan), plan.params.approach_speed, now_s)
-        return _with(state, Phase.APPROACH.value, leg, state.steps)
-    next_step_s = plan.params.approach_time + plan.params.step_period * state.steps
-    if mode == Phase.APPROACH and plan.params.step_size > 0.0 and now_s >= next_step_s:
-        return _next_step(state, plan, now_s)
-    if Phase.REACT <= mode <= Phase.HOLD:
-        return _settling(state, plan, now_s, position, velocity)
-    return state
+        _go_on(state, Phase.APPROACH.value, leg, state.steps)
+    elif Phase.REACT <= mode <= Phase.HOLD:
+        _settling(state, plan, now_s, position, velocity)
 
 
 @compiled(inline=False)
@@ -256,20 +251,21 @@ def _target(state: MissionState, plan: Plan, row: int) -> ResolvedWaypoint:
 
 
 @compiled(inline=False)
-def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+def _along_course(state: MissionState, plan: Plan, now_s: float, position: Array) -> None:
     """Begin the leg to the next waypoint when the last one is over; after the last, land."""
     while True:
         hold_end_s = plan.params.approach_time
         if state.mode == Phase.APPROACH and state.steps > 0:
             hold_end_s = motion_end(state.leg) + state.leg.hold_s
         if now_s < hold_end_s:
-            return state
+            return
         if state.steps >= plan.waypoints.shape[0]:
-            return land(state, plan, now_s, position)
+            land(state, plan, now_s, position)
+            return
         begin_s = hold_end_s if now_s - hold_end_s < _LATE else now_s
         here, yaw = leg_position(state.leg, now_s), leg_yaw(state.leg, now_s)
         leg = leg_to(_target(state, plan, state.steps), here, yaw, begin_s)
-        state = _with(state, Phase.APPROACH.value, leg, state.steps + 1)
+        _go_on(state, Phase.APPROACH.value, leg, state.steps + 1)
 
 
 @compiled(inline=False)
@@ -278,9 +274,7 @@ def _is_timed(plan: Plan) -> bool:
 
 
 @compiled(inline=False)
-def _to_piece(
-    state: MissionState, plan: Plan, row: int, start: Point, now_s: float
-) -> MissionState:
+def _to_piece(state: MissionState, plan: Plan, row: int, start: Point, now_s: float) -> None:
     """Fly straight from rest at `start` to the begin of a piece of a timed course (map, SI).
 
     On arrival the course goes on from there: its clock is set so. `row`: the piece, from 0; one
@@ -292,39 +286,34 @@ def _to_piece(
     yaws = leg_yaw(state.leg, now_s), reference.yaw
     speed = plan.params.approach_speed
     leg = turning_leg(start, reference.position, yaws, now_s, speed, ACCELERATION, YAW_RATE)
-    return MissionState(
-        Phase.APPROACH.value,
-        leg,
-        state.home,
-        row + 1,
-        state.settled_since_s,
-        state.settled_s,
-        motion_end(leg) - begin_s,
-    )
+    _go_on(state, Phase.APPROACH.value, leg, row + 1)
+    state.course_s = motion_end(leg) - begin_s
 
 
 @compiled(inline=False)
-def _along_pieces(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+def _along_pieces(state: MissionState, plan: Plan, now_s: float, position: Array) -> None:
     """Take the reference of a timed course at this time; after its end, land."""
     if state.mode != Phase.APPROACH or math.isnan(state.course_s):
-        return _to_piece(state, plan, 0, leg_position(state.leg, now_s), now_s)
+        _to_piece(state, plan, 0, leg_position(state.leg, now_s), now_s)
+        return
     since, pieces = now_s - state.course_s, plan.waypoints
     row = min(max(state.steps - 1, 0), pieces.shape[0] - 1)
     if since < pieces[row, 0]:
-        return state
+        return
     while since >= pieces[row, 1]:
         row += 1
         if row == pieces.shape[0]:
-            return land(state, plan, now_s, position)
+            land(state, plan, now_s, position)
+            return
     leg = moving_leg(piece_reference(pieces, row, since), now_s)
-    return _with(state, Phase.APPROACH.value, leg, row + 1)
+    _go_on(state, Phase.APPROACH.value, leg, row + 1)
 
 
 @compiled(inline=False)
-def _next_step(state: MissionState, plan: Plan, now_s: float) -> MissionState:
+def _next_step(state: MissionState, plan: Plan, now_s: float) -> None:
     """Jump to the next corner of a square with a change of height: a hard test for a detector."""
     corner = _corner(state, plan, state.steps)
-    return _with(state, Phase.APPROACH.value, hold_leg(corner, now_s), state.steps + 1)
+    _go_on(state, Phase.APPROACH.value, hold_leg(corner, now_s), state.steps + 1)
 
 
 @compiled(inline=False)
@@ -340,38 +329,33 @@ def _corner(state: MissionState, plan: Plan, step: int) -> Point:
 @compiled(inline=False)
 def _settling(
     state: MissionState, plan: Plan, now_s: float, position: Array, velocity: Array
-) -> MissionState:
-    near = (
-        _is_within(position, state.leg.start, _SETTLED_RADIUS) and norm(velocity) < _SETTLED_SPEED
-    )
-    since = min(state.settled_since_s, now_s) if near else math.inf
-    mode, settled = state.mode, state.settled_s
-    if mode == Phase.REACT and now_s - since >= _SETTLED_TIME:
-        mode, settled = Phase.HOLD.value, now_s
-    elif mode == Phase.HOLD and now_s - settled >= plan.params.hold_time:
-        return land(state, plan, now_s, position)
-    return MissionState(mode, state.leg, state.home, state.steps, since, settled, state.course_s)
+) -> None:
+    place = _point(state.leg.start)
+    near = _is_within(position, place, _SETTLED_RADIUS) and norm(velocity) < _SETTLED_SPEED
+    state.settled_since_s = min(state.settled_since_s, now_s) if near else math.inf
+    if state.mode == Phase.REACT and now_s - state.settled_since_s >= _SETTLED_TIME:
+        state.mode, state.settled_s = Phase.HOLD.value, now_s
+    elif state.mode == Phase.HOLD and now_s - state.settled_s >= plan.params.hold_time:
+        land(state, plan, now_s, position)
 
 
 @compiled(inline=False)
-def land(state: MissionState, plan: Plan, now_s: float, position: Array) -> MissionState:
+def land(state: MissionState, plan: Plan, now_s: float, position: Array) -> None:
     """Land from `position` (3) at the place of the reference."""
     x, y, _ = leg_position(state.leg, now_s)
     below = (x, y, state.home[2] - 0.6)
     yaw = leg_yaw(state.leg, now_s)
     leg = straight_leg((x, y, position[2]), below, plan.params.land_speed, now_s, yaw)
-    return _with(state, Phase.LAND.value, leg, state.steps)
+    _go_on(state, Phase.LAND.value, leg, state.steps)
 
 
 @compiled(inline=False)
-def _landing(state: MissionState, now_s: float, position: Array, velocity: Array) -> MissionState:
+def _landing(state: MissionState, now_s: float, position: Array, velocity: Array) -> None:
     planned = leg_position(state.leg, now_s)
     height = position[2]
     if height - planned[2] > 0.25 and abs(velocity[2]) < 0.15 and height < state.home[2] + 0.3:
-        return _with(
-            state, Phase.LANDED.value, hold_leg(planned, now_s, state.leg.yaw), state.steps
-        )
-    return state
+        leg = hold_leg(planned, now_s, state.leg.yaw)
+        _go_on(state, Phase.LANDED.value, leg, state.steps)
 
 
 @compiled(inline=False)

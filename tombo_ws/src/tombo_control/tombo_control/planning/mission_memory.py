@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tombo_control.planning.leg import LegRecord, store_leg, stored_leg
 from tombo_control.planning.mission import MissionState
 from tombo_dynamics.effects.downwash import MOST_OTHERS
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import MissionStatusRecord, PositionSetpointRecord
 from tombo_dynamics.messages import Phase, ReactionPhase, Reason
 from tombo_dynamics.params import param
-from tombo_dynamics.records import Record, field
-from tombo_dynamics.vectors import UNKNOWN, vector
+from tombo_dynamics.records import field
+from tombo_dynamics.vectors import UNKNOWN
 
 NEVER = -1
 
@@ -81,19 +80,12 @@ class StatusEntry(MissionStatusRecord):  # type: ignore[misc, valid-type]
     wait_reason = field("1", "a `WaitReason`", kind=int)
 
 
-class MissionMemory(Record):
-    """Memory of the mission's core."""
+class MissionMemory(MissionState):
+    """Memory of the mission's core, where the plan stands first."""
 
     has_estimate = field("1", "the first estimate has come", kind=bool)
     started = field("1", "false: waits on the ground, the plan's clock at 0", kind=bool)
     takeoff_commands = field("1", "of an operator; `auto_start` is none", kind=int)
-    mode = field("1", "from here to course_s: the `MissionState`", kind=int)
-    leg = field("", "the reference", kind=LegRecord)
-    home = field("m", "in map", 3)
-    steps = field("1", "jumps made, or waypoints begun", kind=int)
-    settled_since_s = field("s", "at x_r since then")
-    settled_s = field("s", "when it was first settled there; NaN before")
-    course_s = field("s", "begin of a timed course; NaN before")
     wait_reason = field("1", "a `WaitReason`", kind=int)
     position = field("m", "last estimate, in map", 3)
     velocity = field("m/s", "last estimate, in map", 3)
@@ -142,29 +134,3 @@ def begin_mission(memory: MissionMemory, started: bool) -> None:
     memory.rest_since_s = math.inf
     memory.has_flown = False
     memory.has_lifted = False
-
-
-@compiled(inline=False)
-def mission_state(memory: MissionMemory) -> MissionState:
-    """Return where the plan stands."""
-    return MissionState(
-        memory.mode,
-        stored_leg(memory.leg),
-        vector(memory.home),
-        memory.steps,
-        memory.settled_since_s,
-        memory.settled_s,
-        memory.course_s,
-    )
-
-
-@compiled(inline=False)
-def store_state(memory: MissionMemory, state: MissionState) -> None:
-    """Keep where the plan stands."""
-    store_leg(memory.leg, state.leg)
-    memory.home = state.home
-    memory.mode = state.mode
-    memory.steps = state.steps
-    memory.settled_since_s = state.settled_since_s
-    memory.settled_s = state.settled_s
-    memory.course_s = state.course_s
