@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from tombo_control.autopilot import new_autopilot
-from tombo_control.estimator import correct
-from tombo_control.loops.cascade import stop_rotors
+from tombo_control.estimator import correct, predict, store_history, update_body_rates
+from tombo_control.loops.cascade import cascade, stop_rotors
 from tombo_control.params import ControlParams, EstimatorParams
 from tombo_control.planning.leg import store_leg, straight_leg
-from tombo_control.tick_calls import predict, run_cascade, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import taking_rows
 from tombo_dynamics.messages import Phase
 from tombo_dynamics.rotation import yaw_of
 from tombo_dynamics.time_base import TICK_HZ, TICK_S
@@ -31,6 +31,9 @@ _LANDED_HEIGHT, _STILL_SPEED = 0.05, 0.2
 """[m] above the ground and [m/s] on each axis, estimated: lower and slower, it has landed."""
 _LANDED_TICKS = TICK_HZ
 """Time this low after which it has landed: without mocap it can float on the ground's cushion."""
+
+_store_history, _cascade = taking_rows(store_history, 2), taking_rows(cascade, 2)
+_update_body_rates, _predict = taking_rows(update_body_rates, 1), taking_rows(predict, 1)
 
 
 class Failsafe:
@@ -63,21 +66,22 @@ class Failsafe:
         height = simulator.height - self._ground
         airborne = height > _AIRBORNE_HEIGHT
         self._low_ticks = self._low_ticks + 1 if height < _LANDED_HEIGHT else 0
-        store_history(self._autopilots, tick)
+        states = self._autopilots["state"]
+        _store_history(states, self._autopilots["history"], tick)
         for sample in simulator.arrived:
             captured = sample.captured * TICK_S
             period = captured - autopilot.mocap_time
             position, attitude = sample.pose[:3], sample.pose[3:]
             if correct(autopilot, position, attitude, sample.captured, tick, period, airborne):
                 autopilot.mocap_time = max(float(autopilot.mocap_time), captured)
-        update_body_rates(self._autopilots, simulator.gyro)
+        _update_body_rates(states, simulator.gyro)
         if self.engaged:
-            run_cascade(self._autopilots, self._maps, tick)
+            _cascade(self._autopilots, self._maps, tick)
             low = state.position[2] < self._ground + _LANDED_HEIGHT
             still = float(np.abs(state.velocity).max()) < _STILL_SPEED
             if (low and still) or self._low_ticks > _LANDED_TICKS:
                 autopilot.mode_asked = Phase.LANDED
-        predict(self._autopilots, simulator.accel, airborne)
+        _predict(states, simulator.accel, airborne)
 
     def engage(self, tick: int) -> None:
         """Begin to land from where the vehicle is."""

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.jit import compiled
+from tombo_dynamics.jit import taking_rows
 from tombo_dynamics.rigid_body import finish_tick
 from tombo_dynamics.rotation import upright
 from tombo_dynamics.time_base import TICK_NS, TICK_S
-from tombo_dynamics.vectors import store
 from tombo_sim.flight_setup import NOISE, begin
 from tombo_sim.normals import draw_normals, stream_of
 from tombo_sim.sensing import Captures, MocapEntry, capture_pose, read_imu
@@ -36,18 +34,7 @@ class PoseSample:
     """(7) position in map [m], quaternion xyzw."""
 
 
-@compiled(inline=False)
-def sense(plants: Any, maps: Any, theta: Array, noise: Array) -> None:
-    """Begin the tick and read the IMU; plant and rotor table are arrays (1)."""
-    read_imu(plants[0], maps[0], noise, theta)
-
-
-@compiled(inline=False)
-def finish(plants: Any, maps: Any, theta: Array, noise: Array, command: Array) -> None:
-    """Finish the tick with rotor speeds (4) [rad/s] asked for."""
-    plant = plants[0]
-    store(plant.rotor_command, command)
-    finish_tick(plant, noise, theta)
+_read_imu, _finish_tick = taking_rows(read_imu, 2), taking_rows(finish_tick, 1)
 
 
 class Simulator:
@@ -66,7 +53,7 @@ class Simulator:
         self.setup = setup = begin(world, seed)
         self.plant = setup.plant
         self._plants = setup.plant.as_array()
-        self._vehicle = (self._plants, setup.maps.as_array(), setup.theta)
+        self._maps, self._theta = setup.maps.as_array(), setup.theta
         self.tick = 0
         self._rate = setup.mocap_rate
         self._stream, self._noise = stream_of(setup.tick_noise), np.empty((_BLOCK, NOISE))
@@ -77,16 +64,17 @@ class Simulator:
         self._under_way: list[PoseSample] = []
         self.arrived: list[PoseSample] = []
         """Poses that arrive in the present tick."""
-        sense(*self._vehicle, self._noise[0])
+        _read_imu(self._plants, self._maps, self._noise[0], self._theta)
         self._capture()
 
     def advance(self, command: Array) -> None:
         """Finish the tick with rotor speeds (4) [rad/s] asked for, and sense at the next one."""
-        finish(*self._vehicle, self._noise[self.tick % _BLOCK], command)
+        self._plants["rotor_command"][0] = command
+        _finish_tick(self._plants, self._noise[self.tick % _BLOCK], self._theta)
         self.tick += 1
         if self.tick % _BLOCK == 0:
             draw_normals(self._stream, self._noise)
-        sense(*self._vehicle, self._noise[self.tick % _BLOCK])
+        _read_imu(self._plants, self._maps, self._noise[self.tick % _BLOCK], self._theta)
         self._capture()
 
     @property

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tombo_control.autopilot import HISTORY_TICKS, Autopilot, PoseAtTick
-from tombo_control.estimator import correct
-from tombo_control.tick_calls import predict, store_history, update_body_rates
+from tombo_control.estimator import correct, predict, store_history, update_body_rates
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import taking_rows
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import quaternion_multiply, up_in_body, yaw_of
 from tombo_dynamics.time_base import TICK_HZ, TICK_S
@@ -24,6 +24,9 @@ from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.frames import quaternion_of_angles
 from tombo_sim.simulator import Simulator
+
+_store_history = taking_rows(store_history, 2)
+_update_body_rates, _predict = taking_rows(update_body_rates, 1), taking_rows(predict, 1)
 
 _ALIGN_TICKS = 200
 """Samples of the accelerometer that the first attitude is levelled with."""
@@ -150,7 +153,7 @@ class Ekf2Model:
     def sense(self, simulator: Simulator, airborne: bool) -> None:
         """Take the samples of the present tick, before the control loops run."""
         tick = simulator.tick
-        store_history(self._autopilots, tick)
+        _store_history(self._autopilots["state"], self._autopilots["history"], tick)
         if not airborne or not self.attitude_ok:
             self._update_tilt_reference(simulator.accel)
         if tick % _SLOW_TICKS == 0:
@@ -160,11 +163,11 @@ class Ekf2Model:
             self._take(sample, tick, airborne)
         if airborne and tick - self.fused_tick > _STALE_TICKS and math.isfinite(self._height):
             self._fuse_height()
-        update_body_rates(self._autopilots, simulator.gyro)
+        _update_body_rates(self._autopilots["state"], simulator.gyro)
 
     def advance(self, simulator: Simulator, airborne: bool) -> None:
         """Carry the estimate on to the next tick, after the control loops."""
-        predict(self._autopilots, simulator.accel, airborne and bool(self.source))
+        _predict(self._autopilots["state"], simulator.accel, airborne and bool(self.source))
 
     def _fuse_height(self) -> None:
         """Correct height and climb by the barometer alone, a tick of 1 ms."""
@@ -254,7 +257,7 @@ class Ekf2Model:
         if math.isfinite(sample.yaw):
             state.attitude = _with_yaw(state.attitude, sample.yaw)
         autopilot.history["tick"] = -1
-        store_history(self._autopilots, tick)
+        _store_history(self._autopilots["state"], self._autopilots["history"], tick)
         self.source = sample.source
         self._refused_since = -1
         self.fused_tick = tick

@@ -13,16 +13,17 @@ from enum import IntEnum
 import numpy as np
 
 from tombo_control.autopilot import Autopilot
-from tombo_control.loops.cascade import stop_rotors
+from tombo_control.loops.cascade import run_control_loops, stop_rotors
 from tombo_control.params import ATTITUDE_TICKS, POSITION_TICKS
-from tombo_control.tick_calls import run_control_loops
 from tombo_dynamics.arrays import Array
+from tombo_dynamics.jit import taking_rows
 from tombo_dynamics.rotation import yaw_of
 from tombo_dynamics.rotor_maps import RotorMaps
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.modes import AUTO_LAND, AUTO_RTL, AUTO_TAKEOFF, Mode
 
+_run_control_loops = taking_rows(run_control_loops, 2)
 _NONE = np.full(3, math.nan)
 _LARGEST = 1e5
 """[m, m/s, m/s^2]: a larger value is refused as an error of the sender."""
@@ -172,7 +173,7 @@ class SetpointController:
         if rate:
             position = position and tick % POSITION_TICKS == 0
             attitude = attitude and tick % ATTITUDE_TICKS == 0
-            run_control_loops(self._autopilots, self._maps, position, attitude, blind)
+            _run_control_loops(self._autopilots, self._maps, position, attitude, blind)
 
     def _hold_position_loop(self) -> None:
         """Reset the memory of the position loop to the present motion."""
