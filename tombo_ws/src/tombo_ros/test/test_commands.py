@@ -25,18 +25,18 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_a_command_that_the_loop_has_not_taken_is_withdrawn(node: Any) -> None:
     answer = CoreNode._command_service(node, "land")(None, SimpleNamespace())
     assert (answer.success, answer.message) == (False, LOOP_SILENT)
-    assert not node._commands
+    [(_, refusal)] = node._commands
+    assert not refusal.set_running_or_notify_cancel()
 
 
 def test_a_command_that_the_loop_has_taken_late_is_answered_by_the_loop(node: Any) -> None:
     class Taken(deque[Any]):
-        """The loop takes the command at the moment when it would be withdrawn."""
+        """The loop takes the command, and answers after it would have been withdrawn."""
 
-        def remove(self, command: Any) -> None:
-            self.clear()
-            command.refusal = "it stands on the ground"
-            threading.Timer(0.05, command.done.set).start()
-            super().remove(command)
+        def append(self, command: Any) -> None:
+            _, refusal = command
+            refusal.set_running_or_notify_cancel()
+            threading.Timer(0.1, refusal.set_result, ["it stands on the ground"]).start()
 
     node._commands = Taken()
     answer = CoreNode._command_service(node, "land")(None, SimpleNamespace())

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, wait
 from dataclasses import replace
 from typing import Any
 
@@ -47,22 +47,11 @@ class CoreInput:
         self.topic = spec.name
         self.subscription = subscription
         self.codec = MessageCodec(spec.typename)
-        self.several = False
-        """More than one node publishes here."""
 
 
 def _spec(topic: str) -> TopicSpec:
     """Return a topic by its name; one that the suite does not know has another vehicle's poses."""
     return TOPICS.get(topic) or replace(MOCAP_POSE, name=topic)
-
-
-class _Command:
-    """A command of an operator, until the loop has passed it on."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.refusal = ""
-        self.done = threading.Event()
 
 
 class CoreNode(LoopNode):
@@ -97,6 +86,7 @@ class CoreNode(LoopNode):
             for name, (default, doc) in core.options.items()
         }
         self.core = core.make(self.records)
+        self.core.health = self.health
         for name, value in options.items():
             self.core.set_params(name, value)
         self.core.clock_slack_ns = self.slack_ns
@@ -108,10 +98,9 @@ class CoreNode(LoopNode):
         ]
         self._followed = next((i for i in self.core_inputs if i.topic == follows), None)
         self._outputs = {topic: self.advertise(TOPICS[topic]) for topic in core.outputs}
-        self._commands: deque[_Command] = deque()  # filled by the services' thread
+        self._commands: deque[tuple[str, Future[str]]] = deque()  # of the services' thread
         for name in core.commands:
             self.ros.create_service(Trigger, f"~/{name}", self._command_service(name))
-        self._shown_faults: set[str] = set()
         self._late_samples = 0
         self.step_ns = 0
         """Time of the last step."""
@@ -120,22 +109,17 @@ class CoreNode(LoopNode):
         """Hand a section or an option to the core."""
         value = self.records[name] if name in self.records else self.parameters.get(name)
         self.core.set_params(name, value)
-        self._take_over_faults()
 
     def _command_service(self, name: str) -> Callable[[Any, Any], Any]:
         """Return the service that hands a command to the loop and waits for its answer."""
 
         def serve(request: Any, response: Any) -> Any:
-            command = _Command(name)
-            self._commands.append(command)
-            if not command.done.wait(_ANSWER_S):
-                try:  # a command that was reported as refused is not obeyed later
-                    self._commands.remove(command)
-                except ValueError:  # the loop has just taken it
-                    command.done.wait()
-                else:
-                    command.refusal = LOOP_SILENT
-            response.success, response.message = not command.refusal, command.refusal
+            refusal: Future[str] = Future()
+            self._commands.append((name, refusal))
+            wait([refusal], _ANSWER_S)
+            # a command that was reported as refused is not obeyed later
+            text = LOOP_SILENT if refusal.cancel() else refusal.result()
+            response.success, response.message = not text, text
             return response
 
         return serve
@@ -143,9 +127,9 @@ class CoreNode(LoopNode):
     def periodic_tasks(self, wall_ns: int, now_ns: int) -> None:
         """Obey commands, besides what every node does."""
         while self._commands:
-            command = self._commands.popleft()
-            command.refusal = self.core.command(command.name)
-            command.done.set()
+            name, refusal = self._commands.popleft()
+            if refusal.set_running_or_notify_cancel():
+                refusal.set_result(self.core.command(name))
         super().periodic_tasks(wall_ns, now_ns)
 
     def on_published(self, topic: str, message: Any) -> None:
@@ -211,8 +195,7 @@ class CoreNode(LoopNode):
         now_ns = self.present_ns()
         for source, messages in taken:
             several = source.subscription.multiple_publishers(wall_ns)
-            if several != source.several:
-                source.several = several
+            if several != (source.topic in self.core.contested):
                 self.core.set_multiple_publishers(source.topic, several)
             for received in messages:
                 when_ns = now_ns if self.sim_time else received.received_ns
@@ -231,25 +214,11 @@ class CoreNode(LoopNode):
         self.runner.take(source.topic, message, arrival_ns)
 
     def step_core(self, now_ns: int) -> None:
-        """Step the core and publish; take over its faults."""
+        """Step the core and publish."""
         self.step_ns = now_ns
         for topic, message in self.core.step(now_ns):
             self._outputs[topic].send(message)
             self.on_published(topic, message)
-        self._take_over_faults()
-
-    def _take_over_faults(self) -> None:
-        health = self.core.health
-        faults = health.faults
-        if faults or self._shown_faults:
-            for key, (text, level) in faults.items():
-                self.health.fault(key, True, text, level)
-            for key in self._shown_faults.difference(faults):
-                self.health.fault(key, False)
-            self._shown_faults = set(faults)
-        if health.events:
-            for key, text in health.take_events():
-                self.health.report_event(key, text)
 
     def _wait_for(self, source: PolledSubscription) -> list[ReceivedMessage]:
         """Return the received samples; wait a short time for a late one."""
@@ -268,12 +237,7 @@ class CoreNode(LoopNode):
         self.shift_ns = min(max(shift, -_FASTEST_NS), _FASTEST_NS)
 
     def report(self, now_ns: int) -> None:
-        """Add the values of the core to the node's `/diagnostics`.
-
-        `gyro_late`: samples that waited for a later step, as two came between steps.
-        """
-        for key, value in self.core.health.values.items():
-            self.health.value(key, value)
+        """Add `gyro_late`: samples that waited for a later step, as two came between steps."""
         if self._followed is not None:
             self.health.value("gyro_late", self._late_samples)
         super().report(now_ns)

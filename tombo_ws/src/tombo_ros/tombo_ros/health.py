@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from tombo_bag.topics import DIAGNOSTICS
+from tombo_dynamics.core import CoreHealth
 from tombo_ros.conversion import to_time
 from tombo_ros.topic import TopicPublisher
 
@@ -20,23 +20,16 @@ _SHOWN_NS = 1_500_000_000
 """How long an event is shown: longer than the period of the reports, so that one has its text."""
 
 
-@dataclass
-class _Fault:
-    active: bool = False
-    text: str = ""
-    level: int = WARN
-    count: int = 0
-
-
-class Health:
+class Health(CoreHealth):
     """Faults and figures of one node. A change is sent at the next `send`, and wanted at once."""
 
     def __init__(self, node: Any) -> None:
+        super().__init__()
         self._node = node
         self._name = node.get_name()
         self._output = TopicPublisher(node, DIAGNOSTICS)
-        self._faults: dict[str, _Fault] = {}
-        self._values: dict[str, Any] = {}
+        self._counts: dict[str, int] = {}
+        """Fault -> how often it has begun."""
         self._seen_ns: dict[str, int] = {}
         self.urgent = False
         """A fault has begun or ended since the last `send`."""
@@ -52,24 +45,18 @@ class Health:
             text: for a person.
             level: WARN or ERROR.
         """
-        known = self._faults.get(key)
-        if known is None:
-            if not active:
-                return
-            known = self._faults[key] = _Fault()
-        if active:
-            known.text, known.level = text or key, level
-        if known.active == active:
+        was_active = key in self.faults
+        super().fault(key, active, text, level)
+        if was_active == active:
             return
-        known.active = active
         self.urgent = True
         logger = self._node.get_logger()
         if active:
-            known.count += 1
+            self._counts[key] = self._counts.get(key, 0) + 1
             if level >= ERROR:
-                logger.error(f"{key}: {known.text}")
+                logger.error(f"{key}: {text or key}")
             else:
-                logger.warning(f"{key}: {known.text}")
+                logger.warning(f"{key}: {text or key}")
         else:
             logger.info(f"{key}: over")
 
@@ -87,7 +74,7 @@ class Health:
 
     def value(self, key: str, value: Any) -> None:
         """Set a figure of the report."""
-        self._values[key] = value
+        self.values[key] = value
 
     def send(self, now_ns: int, loops: Mapping[str, Mapping[str, Any]]) -> None:
         """Publish the report.
@@ -97,12 +84,13 @@ class Health:
             loops: name of each loop -> its figures; each becomes a status of its own.
         """
         self.urgent = False
-        active_faults = [(key, fault) for key, fault in self._faults.items() if fault.active]
-        level = max((fault.level for _, fault in active_faults), default=OK)
-        values = dict(self._values)
-        for key, fault in self._faults.items():
-            values[f"fault.{key}"] = f"{'active' if fault.active else 'over'}, {fault.count} times"
-        text = "; ".join(f"{key}: {fault.text}" for key, fault in active_faults) or "ok"
+        level = max((level for _, level in self.faults.values()), default=OK)
+        values, texts = dict(self.values), []
+        for key, count in self._counts.items():
+            active = key in self.faults
+            values[f"fault.{key}"] = f"{'active' if active else 'over'}, {count} times"
+            texts += [f"{key}: {self.faults[key][0]}"] if active else []
+        text = "; ".join(texts) or "ok"
         report = DiagnosticArray()
         report.header.stamp = to_time(now_ns)
         report.status = [_status(self._name, level, text, values)]

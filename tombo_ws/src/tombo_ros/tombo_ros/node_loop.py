@@ -7,6 +7,8 @@ sleeps until a call comes; they never touch the loop's topics. docs/nodes.md has
 
 from __future__ import annotations
 
+import gc
+import math
 import signal
 import sys
 import threading
@@ -30,13 +32,7 @@ from tombo_dynamics.time_base import SECOND_NS
 from tombo_ros.conversion import to_ns
 from tombo_ros.health import ERROR, Health
 from tombo_ros.loop_statistics import LoopStatistics
-from tombo_ros.pacing import (
-    Priority,
-    collect_generation_0,
-    freeze_garbage,
-    request_realtime_priority,
-    sleep_until,
-)
+from tombo_ros.pacing import Priority, request_realtime_priority, sleep_until
 from tombo_ros.qos import lockstep_spec
 from tombo_ros.record_parameters import RecordParameters
 from tombo_ros.topic import PolledSubscription, TopicPublisher
@@ -111,6 +107,10 @@ class LoopNode(ABC):
         """How late this run of the loop is."""
         self.shift_ns = 0
         """Moves the next deadline: a loop that follows another clock sets it."""
+        self.deadline_ns = 0
+        """Monotonic time of the next run in real time [ns]."""
+        self.settles_ns = 0.0
+        """Monotonic time from which the loop's statistics count [ns]; inf: they do."""
         self.sim_time = bool(self.ros.get_parameter("use_sim_time").value)
         self.slack_ns = 0
         """How far the present may be ahead of `now_ns`: /clock speaks now and then only."""
@@ -220,6 +220,24 @@ class LoopNode(ABC):
         """Whether `/clock` says when it runs."""
         return self._clock is not None
 
+    def run_in_real_time(self, woke: int) -> None:
+        """Run once, at or after the deadline, and set the next one; `woke`: the monotonic time."""
+        late, period, missed = woke - self.deadline_ns, self.period_ns, 0
+        self.late_ns = late
+        if late > period:
+            missed = 1 if self.catches_up else late // period
+            if not self.catches_up:
+                self.deadline_ns += missed * period
+        if woke > self.settles_ns:
+            self.settles_ns = math.inf
+            self.loops = {name: LoopStatistics() for name in self.loops}
+        self.loops["loop"].ran(woke, late, missed)
+        now = time.time_ns()
+        self.step(now)
+        self.periodic_tasks(now, now)
+        self.deadline_ns += period + self.shift_ns
+        self.shift_ns = 0
+
     def spin_simulated(self) -> None:
         """Run when the clock has come to the next run, or a message is there."""
         main = self.loops["loop"]
@@ -271,7 +289,7 @@ class LoopNode(ABC):
         elif wall_ns - self._reported_ns > SECOND_NS or self.health.urgent:
             if wall_ns - self._reported_ns > SECOND_NS:
                 self._reported_ns = wall_ns
-                collect_generation_0()
+                gc.collect(0)  # what the last second left: some microseconds
             self.report(now_ns)
 
     def report(self, now_ns: int) -> None:
@@ -311,59 +329,29 @@ class LoopNode(ABC):
         self.ros.destroy_node()
 
 
-class _RealTimeLoop:
-    """The absolute deadlines of a node."""
-
-    def __init__(self, node: LoopNode) -> None:
-        self.node = node
-        self._main = node.loops["loop"]
-        self._began = time.monotonic_ns()
-        self.deadline = self._began + node.period_ns
-        self._missed, self._settled = 0, False
-
-    def run(self, woke: int) -> None:
-        """Run the node once, at or after its deadline."""
-        node = self.node
-        late = woke - self.deadline
-        node.late_ns = late
-        period = node.period_ns
-        if late > period:
-            if node.catches_up:
-                self._missed = 1
-            else:
-                self._missed = late // period
-                self.deadline += self._missed * period
-        if not self._settled and woke - self._began > _SETTLE_NS:
-            self._settled = True
-            node.loops = {name: LoopStatistics() for name in node.loops}
-            self._main = node.loops["loop"]
-        self._main.ran(woke, late, self._missed)
-        self._missed = 0
-        now = time.time_ns()
-        node.step(now)
-        node.periodic_tasks(now, now)
-        self.deadline += period + node.shift_ns
-        node.shift_ns = 0
-
-
 def spin_real(nodes: Sequence[LoopNode]) -> None:
     """Run the loops of nodes in this thread, each at its deadlines, the earliest first."""
-    loops = [_RealTimeLoop(node) for node in nodes]
+    began = time.monotonic_ns()
+    for node in nodes:
+        node.deadline_ns = began + node.period_ns
+        node.settles_ns = began + _SETTLE_NS
     while not any(node.stopping for node in nodes):
-        due = min(loops, key=attrgetter("deadline")) if len(loops) > 1 else loops[0]
+        due = min(nodes, key=attrgetter("deadline_ns")) if len(nodes) > 1 else nodes[0]
         woke = time.monotonic_ns()
-        if woke < due.deadline:
-            sleep_until(due.deadline)
+        if woke < due.deadline_ns:
+            sleep_until(due.deadline_ns)
             woke = time.monotonic_ns()
-        if woke >= due.deadline:  # earlier: a signal came
-            due.run(woke)
+        if woke >= due.deadline_ns:  # earlier: a signal came
+            due.run_in_real_time(woke)
 
 
 def spin(nodes: Sequence[LoopNode]) -> None:
     """Run the loops of nodes in this thread until they are told to stop, or ROS is shut down."""
     for node in nodes:
         node.begin()
-    freeze_garbage()
+    gc.collect()
+    gc.freeze()
+    gc.disable()  # `periodic_tasks` collects new objects, between two runs of the loop
     alone = len(nodes) == 1
     if alone and nodes[0].follows_clock:
         nodes[0].spin_simulated()

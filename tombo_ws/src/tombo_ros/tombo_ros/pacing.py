@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import ctypes.util
-import gc
 import os
 import threading
 import time
@@ -84,15 +83,3 @@ def request_realtime_priority(priority: Priority, leave_out: set[int]) -> str:
         if priority.loop
         else f"normal, transport FIFO {priority.transport}"
     )
-
-
-def freeze_garbage() -> None:
-    """Keep the garbage collector out of the loop: only new objects are collected."""
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-
-
-def collect_generation_0() -> None:
-    """Collect what the last second left; takes some microseconds."""
-    gc.collect(0)

@@ -29,7 +29,7 @@ from tombo_ros.lockstep import LockstepMember
 from tombo_ros.node_loop import LoopNode
 from tombo_ros.pacing import RECORDER
 from tombo_ros.qos import UNCOUNTED, lockstep_spec
-from tombo_ros.topic import ReceivedMessage, message_class, subscribe_polled
+from tombo_ros.topic import PolledSubscription
 
 POLLS_HZ = 200.0
 DEPTH = 5000
@@ -43,61 +43,39 @@ _LOCKSTEP_NS = 50_000_000
 """In lockstep the recorder is never further behind than this."""
 
 
-class RecordedTopic:
-    """One recorded topic: a polled subscription and its counts."""
+class RecordedTopic(PolledSubscription):
+    """One recorded topic: its messages go into the file as they are pulled, and none waits."""
 
-    def __init__(self, node: RecorderNode, name: str, typename: str, qos: Qos) -> None:
-        self.name = name
-        self.typename = typename
+    def __init__(self, recorder: RecorderNode, name: str, typename: str, qos: Qos) -> None:
+        super().__init__(recorder.ros, TopicSpec(f"/{name}", typename, qos, 0.0, ""), DEPTH)
+        self.name, self.typename, self.qos = name, typename, qos
         self.sequence_counter = SequenceCounter()
-        self._node = node
-        self._kind = message_class(typename)
+        self._recorder = recorder
         self._has_publisher = False
-        self.received = self.taken = 0
-        """Messages recorded."""
-        self._subscribe(qos)
-
-    def _subscribe(self, qos: Qos) -> None:
-        self.qos = qos
-        self._subscription = subscribe_polled(self._node.ros, self._kind, self.name, qos, DEPTH)
-        self._take = self._subscription.handle.take_message
 
     def relax_qos(self, qos: Qos) -> None:
         """Request less where a publisher doesn't offer the requested quality of service."""
         weaker = weakest_qos((self.qos, qos))
         if weaker != self.qos:
-            self.take()
-            self._node.ros.destroy_subscription(self._subscription)
-            self._subscribe(weaker)
+            self.pull()
+            self._node.destroy_subscription(self._subscription)
+            self.qos = weaker
+            self._subscribe(weaker, DEPTH)
 
-    def take(self) -> None:
+    def pull(self) -> None:
         """Record all received messages."""
-        write = self._node.sink.write
-        item = self._take(self._kind, True)
+        write = self._recorder.sink.write
+        item = self._take(self.kind, True)
         if item is not None and not self._has_publisher:
             self._has_publisher = True
-            self._node.meet(self)
+            self._recorder.meet(self)
         while item is not None:
             message, info = item
             received = info["received_timestamp"]
             self.sequence_counter.seen(info["publication_sequence_number"])
             write(self.name, message, received, info["source_timestamp"] or received)
-            self.received = self.taken = self.taken + 1
-            item = self._take(self._kind, True)
-
-    @property
-    def handle(self) -> Any:
-        """The subscription as the middleware's wait sets know it."""
-        return self._subscription.handle
-
-    def waiting_number(self) -> int:
-        """Record all that has come; return how many messages are left."""
-        self.take()
-        return 0
-
-    def take_first(self, number: int) -> list[ReceivedMessage]:
-        """Return nothing: received messages are recorded already."""
-        return []
+            self.received += 1
+            item = self._take(self.kind, True)
 
 
 class RecorderNode(LoopNode):
@@ -179,7 +157,7 @@ class RecorderNode(LoopNode):
     def step(self, now_ns: int) -> None:
         """Take the received messages; write, find publishers and report, each at its period."""
         for source in self._sources.values():
-            source.take()
+            source.pull()
         clock = time.monotonic_ns()
         if clock - self._written_at >= FLUSH_NS:
             self._written_at = clock
@@ -213,7 +191,7 @@ class RecorderNode(LoopNode):
     def close(self) -> None:
         """Take the remaining messages, finish the file, log a line about the recording."""
         for source in self._sources.values():
-            source.take()
+            source.pull()
         self._discover_publishers()
         self._stopped_ns = time.time_ns()
         self._guarded(self.sink.close)

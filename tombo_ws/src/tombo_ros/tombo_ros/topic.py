@@ -10,7 +10,6 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 
 from tombo_bag.message_codec import FORMS, MessageCodec
 from tombo_bag.qos import Qos
@@ -45,15 +44,6 @@ class _PolledGroup(CallbackGroup):
         """Do nothing."""
 
 
-def subscribe_polled(
-    node: Node, kind: Any, topic: str, qos: Qos, depth: int | None = None
-) -> Subscription:
-    """Subscribe to the bytes of a topic; no executor takes them."""
-    return node.create_subscription(
-        kind, topic, _no_callback, profile(qos, depth), callback_group=_PolledGroup(), raw=True
-    )
-
-
 class ReceivedMessage(NamedTuple):
     """One message as it arrived."""
 
@@ -74,17 +64,28 @@ class PolledSubscription:
         self.kind = message_class(spec.typename)
         self.topic = spec.name.removeprefix("/")
         self._node = node
-        self._subscription = subscribe_polled(node, self.kind, self.topic, spec.qos, depth)
+        self._subscribe(spec.qos, depth)
         self.last_ns: int | None = None
         """When the newest message was received; None before the first."""
         self.received = 0
         self.unreadable = 0
         """Messages whose bytes are none of this type."""
         self._made_ns = time.time_ns()
-        self._take = self._subscription.handle.take_message
         self._waiting: list[ReceivedMessage] = []
         self._sequence = 0
         self._turned_ns = [0, 0]
+
+    def _subscribe(self, qos: Qos, depth: int | None) -> None:
+        """Subscribe to the bytes of the topic; no executor takes them."""
+        self._subscription = self._node.create_subscription(
+            self.kind,
+            self.topic,
+            lambda message: None,
+            profile(qos, depth),
+            callback_group=_PolledGroup(),
+            raw=True,
+        )
+        self._take = self._subscription.handle.take_message
 
     def waiting(self) -> bool:
         """Return whether there is a message to take."""
@@ -92,7 +93,7 @@ class PolledSubscription:
 
     def waiting_number(self) -> int:
         """Return how many messages there are to take."""
-        self._pull()
+        self.pull()
         return len(self._waiting)
 
     @property
@@ -112,11 +113,12 @@ class PolledSubscription:
 
     def take_raw(self) -> list[ReceivedMessage]:
         """Return the bytes of all messages that have arrived, oldest first."""
-        self._pull()
+        self.pull()
         messages, self._waiting = self._waiting, []
         return messages
 
-    def _pull(self) -> None:
+    def pull(self) -> None:
+        """Take what has arrived from the middleware."""
         item = self._take(self.kind, True)
         while item is not None:
             data, info = item
@@ -193,7 +195,3 @@ class TopicPublisher:
     def wait_for_all_acked(self, patience_s: float) -> bool:
         """Return whether reliable subscribers have all messages; wait `patience_s` at most."""
         return bool(self._publisher.wait_for_all_acked(Duration(seconds=max(patience_s, 0.0))))
-
-
-def _no_callback(message: Any) -> None:
-    """Take the place of the callback that rclpy asks for."""
