@@ -13,6 +13,7 @@ from tombo_collision.params import DetectorParams
 from tombo_control.controller_core import ControllerCore
 from tombo_control.estimator_core import EstimatorCore
 from tombo_control.mission_core import MissionCore
+from tombo_control.safety.state_machine import NO_ROW, SafetyState
 from tombo_dynamics.core import Core
 from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import (
@@ -20,6 +21,7 @@ from tombo_dynamics.messages import (
     Imu,
     MissionStatus,
     Odometry,
+    Phase,
     Pose,
     PositionSetpoint,
     ReactionStatus,
@@ -130,6 +132,25 @@ class Controller(ControllerCore):
         return Command(
             stamp_ns, speed, *ran, "blind" in self.health.faults, bool(memory.setpoint_late)
         )
+
+
+def begin_in_flight(core: ControllerCore) -> None:
+    """Put a controller in command of a vehicle that flies already."""
+    watch: Any = core.memory.watch
+    watch.state, watch.row, watch.has_commanded = SafetyState.FLY, NO_ROW, True
+
+
+def take_over(core: ControllerCore) -> None:
+    """Have a controller obey its next set point of a flight, as if it had seen the take-off."""
+
+    def take(topic: str, message: Any, now_ns: int) -> Any:
+        taken = type(core).take(core, topic, message, now_ns)
+        if topic == "/setpoint" and taken and message.phase not in (Phase.IDLE, Phase.LANDED):
+            del core.take  # type: ignore[method-assign]
+            begin_in_flight(core)
+        return taken
+
+    core.take = take  # type: ignore[method-assign]
 
 
 class Mission(MissionCore):

@@ -1,6 +1,7 @@
 """The watch: samples that a motion capture may deliver, and the stamps of events."""
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from pose_bench import flight, watch
 
 from tombo_collision.detector_core import DetectorCore
 from tombo_collision.params import DetectorParams
+from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.messages import CollisionEvent, Pose
 
 EPOCH = 1_763_700_000_123_456_789
@@ -37,16 +39,20 @@ class Result:
         return self.event.contact_stamp_ns
 
 
+def refused(core):
+    """Count the refused poses by their reasons."""
+    counts = core.memory.refused
+    return Counter({why.key: int(counts[why]) for why in PoseRefusal if counts[why]})
+
+
 def hand_over(core, stamp_ns, now_ns, frame, position, attitude):
     """Hand a pose to the core."""
-    before = core.refused
+    before = refused(core)
     pose = Pose(stamp_ns, frame, np.array(position, float), np.array(attitude, float))
     core.on("/mocap/pose", pose, now_ns)
     published = dict(core.step(now_ns))
-    (refused,) = (core.refused - before) or ("",)
-    return Result(
-        published.get("/collision_event"), published["/detector/status"].statistic, refused
-    )
+    (why,) = (refused(core) - before) or ("",)
+    return Result(published.get("/collision_event"), published["/detector/status"].statistic, why)
 
 
 def counts(core):
@@ -107,9 +113,9 @@ def test_stamps_of_today_give_what_small_ones_give():
     ],
 )
 def test_a_bad_pose_is_refused_and_leaves_no_trace(reason, bad):
-    core, refused, rest_of_flight = with_a_bad_pose(**bad)
-    assert (refused.refused, refused.event, refused.statistic) == (reason, None, 0.0)
-    assert core.refused == {reason: 1}
+    core, result, rest_of_flight = with_a_bad_pose(**bad)
+    assert (result.refused, result.event, result.statistic) == (reason, None, 0.0)
+    assert refused(core) == {reason: 1}
     assert counts(core) == (len(STRUCK) + 1, 1)
     untouched = feed(DetectorCore(DetectorParams()))
     assert [s.statistic for s in rest_of_flight] == [s.statistic for s in untouched]

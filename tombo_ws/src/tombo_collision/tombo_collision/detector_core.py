@@ -6,7 +6,6 @@ future, long late, twice, no number, or of another body is refused, with the rea
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -43,13 +42,6 @@ class DetectorCoreMemory(Record):
     status_due = field("1", "it is to be published", kind=bool)
     event = field("", "the last one", kind=CollisionEventRecord)
     event_due = field("1", "it is to be published", kind=bool)
-
-
-@compiled(inline=False)
-def begin_detector_core(memory: DetectorCoreMemory) -> None:
-    """Begin before the first pose."""
-    begin_detector(memory.detector)
-    memory.origin_ns = _NONE
 
 
 @compiled(inline=False)
@@ -145,7 +137,8 @@ class DetectorCore(Core):
     def __init__(self, params: DetectorParams) -> None:
         super().__init__()
         self.memory = DetectorCoreMemory.new()
-        begin_detector_core(self.memory)
+        begin_detector(self.memory.detector)
+        self.memory.origin_ns = _NONE
         self.set_params("detector", params)
         self._pose_ns: int | None = None
 
@@ -183,9 +176,3 @@ class DetectorCore(Core):
         """Go on with other parameters; earlier samples stay."""
         self.params = parameter_record(params)
         set_triggers(self.memory.detector, params)
-
-    @property
-    def refused(self) -> Counter[str]:
-        """How many poses were refused, by reason."""
-        counts = self.memory.refused
-        return Counter({why.key: int(counts[why]) for why in PoseRefusal if counts[why]})

@@ -23,7 +23,7 @@ from tombo_collision.reaction_memory import (
     ReactionMemory,
     begin_reaction,
 )
-from tombo_collision.reactions import DEFAULT, EVENT_TOPICS, REGISTRY, Reaction
+from tombo_collision.reactions import DEFAULT, REGISTRY, Reaction
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.core import CLOCK_SET_BACK_NS, ERROR, Compiled, Core, Output
 from tombo_dynamics.errors import InputError, problem_in, unknown_name
@@ -386,7 +386,6 @@ class ReactionCore(Core):
     def _choose(self, reaction: Reaction) -> None:
         self.reaction = reaction
         self.memory.recovers = reaction.recovers
-        self.memory.takes_contacts = EVENT_TOPICS["imu"] in reaction.event_topics()
 
     def on(
         self,

@@ -41,7 +41,6 @@ class ReactionMemory(Record):
 
     active = field("1", "a decision holds", kind=bool)
     guides = field("1", "its reference is the set point", kind=bool)
-    takes_contacts = field("1", "collisions seen in the IMU count", kind=bool)
     recovers = field("1", "the controller is to fly with the recovery's gains", kind=bool)
     reference = field("", "of the decision", kind=PositionSetpointRecord)
     reference_ns = field("ns", "when it was asked for", kind=int)

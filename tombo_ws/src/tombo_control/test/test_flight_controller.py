@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from control_bench import VEHICLE, quaternion, rotor_table
 
-from core_calls import Command, Controller, StampedEstimate
+from core_calls import Command, Controller, StampedEstimate, take_over
 from lockstep_bench import Lockstep, calm, hover_at, odometry_of
 from tombo_control.controller_core import reset_inputs
 from tombo_control.params import ControlParams, InputLimits
@@ -31,7 +31,7 @@ class _Bench:
         maps = rotor_table()
         self.controller = Controller(ControlParams(), VEHICLE, InputLimits(), maps)
         if flies:
-            self.controller.take_over()
+            take_over(self.controller)
         self.tick = 1000
         self.height = 2.0 if flies else 0.18
         self.attitude = _LEVEL

@@ -32,7 +32,6 @@ from tombo_control.safety.state_machine import TABLE, Condition, SafetyState
 from tombo_control.safety.watch import (
     NO_PHASE,
     Watch,
-    begin_in_flight,
     begin_watch,
     rotors_off,
     update_safety_state,
@@ -448,7 +447,6 @@ class ControllerCore(Core):
         """When the last gyro sample came."""
         self._gyro_stamp_ns = 0
         self._changes = 0
-        self._takes_over = False
         self.limits = parameter_record(limits)
         self.maps = maps
         level = np.array([0.0, 0.0, 0.0, 1.0])
@@ -507,9 +505,6 @@ class ControllerCore(Core):
                 "setpoint_refused",
                 "set point not finite, or too far from the vehicle: the last one stands",
             )
-        elif self._takes_over and message.phase not in (Phase.IDLE, Phase.LANDED):
-            self._takes_over = False
-            begin_in_flight(self.memory.watch)
 
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Return the answers to the gyro samples since the last step."""
@@ -542,10 +537,6 @@ class ControllerCore(Core):
                         f"{row.state.name.lower()} to {state.name.lower()}: {row.condition.text}"
                     )
                     health.report_event(f"safety_{row.condition.name.lower()}", text)
-
-    def take_over(self) -> None:
-        """Obey the next set point of a flight as if the take-off had been seen: for recordings."""
-        self._takes_over = True
 
     def command(self, name: str) -> str:
         """Obey an operator: a name of `commands`; return why not, empty: it is obeyed."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core_calls import take_over
 from tombo_bag.message_codec import dataclass_of
 from tombo_bag.topics import TOPICS
 from tombo_control.controller_core import ControllerCore
@@ -39,7 +40,7 @@ class Hovering:
     def __init__(self, name: str) -> None:
         self.core = core_of(KINDS[name], load_scenario("hover"))
         if isinstance(self.core, ControllerCore):
-            self.core.take_over()
+            take_over(self.core)
         self.tick = 0
         self.events: set[str] = set()
         self.published: list[tuple[str, Any]] = []
@@ -152,7 +153,7 @@ def test_a_pose_that_comes_late_is_used_and_reported():
     flight.run(BEGUN, without=(POSE,))
     flight.send(POSE, stamp_ns=flight.now_ns - 150 * MS)
     assert flight.events == {"mocap_late"}
-    assert not flight.core.refused
+    assert not flight.core.memory.refused.any()
 
 
 @pytest.mark.parametrize(

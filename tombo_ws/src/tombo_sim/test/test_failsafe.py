@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core_calls import take_over
 from lockstep_bench import Lockstep, calm, hover_at
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import tilt, yaw_pitch_roll
@@ -81,7 +82,7 @@ def _hovering(seed: int) -> _Flight:
     flight = _Flight(seed)
     flight.lockstep.steer = lambda t: None
     flight.fly(0.2)
-    flight.lockstep.controller.take_over()
+    take_over(flight.lockstep.controller)
     flight.lockstep.steer = lambda t: hover_at(0.0, 0.0, 2.0)
     flight.fly(5.8)
     return flight

@@ -109,14 +109,6 @@ def begin_watch(watch: Watch) -> None:
     begin_touchdown(watch.touchdown)
 
 
-@compiled(inline=False)
-def begin_in_flight(watch: Watch) -> None:
-    """Be in command of a vehicle that flies already: in recordings and tests."""
-    watch.state = SafetyState.FLY
-    watch.row = NO_ROW
-    watch.has_commanded = True
-
-
 @compiled
 def rotors_off(watch: Watch) -> bool:
     """Return whether no rotor is to turn."""
