@@ -168,12 +168,12 @@ def fly(
         scenario: a name of `tombo list scenarios`, or a YAML file.
         seed: all random draws come from it.
         reaction: to collisions, in place of the scenario's: a name, or one of your own.
-        model: a model.yaml, whose effects are laid over those of the scenario.
+        model: a model.yaml, whose effects are merged with those of the scenario.
         vehicle: a name of `tombo vehicle list`, or a vehicle file.
         **settings: values of the scenario, keys as of --set: `**{"vehicle.mass": 1.4}`.
 
     Raises:
-        InputError: as of `tombo fly`; names value and what is accepted.
+        InputError: as of `tombo fly`; names the value and the accepted ones.
     """
     from tombo_flight.flight import fly_scenario
     from tombo_flight.flight_output import flight_summary

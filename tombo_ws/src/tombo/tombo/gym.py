@@ -194,7 +194,7 @@ class CollisionVectorEnv(VectorEnv[Any, Any, Any]):
         return self.episodes.observation, self._infos(None)
 
     def step(self, actions: Any) -> tuple[Any, Array, Any, Any, dict[str, Any]]:
-        """Fly 20 ms with actions (N, 6) in [-1, 1]; what is done begins anew instead."""
+        """Fly 20 ms with actions (N, 6) in [-1, 1]; episodes that are done begin anew instead."""
         given = _checked(actions, (self.num_envs, ACTIONS))
         again = np.flatnonzero(self._done).tolist()
         begin = {

@@ -44,7 +44,7 @@ def sweep(
         samples: points of the drawn designs.
         reaction: name of the reaction to collisions, in place of the scenario's.
         settings: values of the scenario that are the same in all flights.
-        model: a model.yaml, whose effects are laid over those of the scenario.
+        model: a model.yaml, whose effects are merged with those of the scenario.
         vehicle: a name of `tombo vehicle list`, or a vehicle file.
         workers: processes on this machine; all cores if None.
         scheduler: address of a Dask scheduler, in place of processes of this machine.

@@ -8,7 +8,7 @@ from tombo_bag.sequence_counter import SequenceCounter
 def counted(*numbers, publishers=1):
     sequence_counter = SequenceCounter()
     for number in numbers:
-        sequence_counter.seen(number)
+        sequence_counter.count(number)
     sequence_counter.publishers(publishers)
     return sequence_counter
 
@@ -34,11 +34,11 @@ def test_numbers_of_two_publishers_are_no_losses():
     sequence_counter = counted(1, 500, 2, 501, 3, publishers=2)
     assert (sequence_counter.messages, sequence_counter.lost) == (5, 0)
     for number in (502, 4, 503, 5, 504, 6):
-        sequence_counter.seen(number)
+        sequence_counter.count(number)
     sequence_counter.publishers(1)  # one has gone; whose numbers these were is not known
     assert sequence_counter.lost == 0
     for number in (505, 508):
-        sequence_counter.seen(number)
+        sequence_counter.count(number)
     sequence_counter.publishers(0)
     assert sequence_counter.lost == 2
     assert sequence_counter.multiple_publishers

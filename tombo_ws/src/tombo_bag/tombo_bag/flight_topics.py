@@ -126,7 +126,7 @@ def _taken(log: Log, ticks: Ticks, **columns: str) -> tuple[Ticks, dict[str, Any
 def flown_topics(
     t: Array, log: Log, poses: Topic, published: Mapping[str, Topic] | None = None
 ) -> dict[str, Topic]:
-    """Return the topics of a simulated flight: what was measured and published, then the rest.
+    """Return the topics of a simulated flight: measurements and messages, then other columns.
 
     Args:
         t: (N,) ticks [s].

@@ -20,7 +20,7 @@ class SequenceCounter:
         self._gaps = 0
         self._shared = False
 
-    def seen(self, number: int) -> None:
+    def count(self, number: int) -> None:
         """Count a message; a number that is not above the last one is a new publisher's."""
         self.messages += 1
         if self._last is not None and number > self._last:

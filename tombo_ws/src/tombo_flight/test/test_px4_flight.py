@@ -74,7 +74,7 @@ def test_another_system_is_named_and_how_to_reach_it():
 
 
 def test_an_autopilot_that_is_no_px4_is_refused():
-    with speaking(1, autopilot=3) as url, pytest.raises(InputError, match="autopilot 3 is no PX4"):
+    with speaking(1, autopilot=3) as url, pytest.raises(InputError, match="pilot 3 is not PX4"):
         find_vehicle(LinkParams(url=url), patience_s=60.0)
 
 

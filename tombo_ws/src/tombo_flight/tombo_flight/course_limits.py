@@ -125,8 +125,8 @@ def _check_timed_course(
     """Refuse a timed course, the text of a file, that the vehicle could not follow.
 
     Raises:
-        InputError: names row, time and value of the first place that is outside of the volume or
-            too low, or where speed, acceleration or tilt are beyond the vehicle's.
+        InputError: the course leaves the volume, is too low, or exceeds the vehicle's speed,
+            acceleration or tilt; the error names row, time and value of the first violation.
     """
     rows = read_timed_course(text).rows
     piece, t, position, velocity, acceleration = sampled_course(

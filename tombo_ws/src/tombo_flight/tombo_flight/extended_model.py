@@ -159,8 +159,8 @@ def read_model(path: Path, registry: Registry = REGISTRY) -> Model:
     """Read and check a model; `registry` has the effects of its kind.
 
     Raises:
-        InputError: it can't be read, is no model, or holds an unknown effect or parameter, or a
-            value that no simulation takes.
+        InputError: it can't be read, isn't a model, or has an unknown effect or parameter, or
+            a value that the simulation does not accept.
     """
     what = f"model file '{path}'"
     return model_from_text(
@@ -176,7 +176,7 @@ def model_from_text(text: str, what: str, registry: Registry = REGISTRY) -> Mode
     """
     values = parse_yaml(text, what)
     if not isinstance(values, Mapping) or "tombo_model" not in values:
-        raise InputError(f"{what} is no model; accepted: a model.yaml of `tombo diagnose`")
+        raise InputError(f"{what} is not a model; accepted: a model.yaml of `tombo diagnose`")
     if values["tombo_model"] != FORMAT:
         found = shown(values["tombo_model"])
         raise InputError(f"{what}: tombo_model: {found}; accepted: {FORMAT}")

@@ -122,7 +122,7 @@ def fly_scenario(
     began = time.perf_counter()
     running.fly(ticks, progress, stop)
     wall = time.perf_counter() - began
-    return running.flown(seed, memory.columns, wall, figures_only=memory.figures_only)
+    return running.result(seed, memory.columns, wall, figures_only=memory.figures_only)
 
 
 def fly_several(vehicles: Sequence[FlownVehicle]) -> dict[str, Flight]:
@@ -162,7 +162,7 @@ def fly_several(vehicles: Sequence[FlownVehicle]) -> dict[str, Flight]:
                         other.cores[MISSION].see_other(i - (i > k), place)
     wall = time.perf_counter() - began
     return {
-        vehicle.name: flight.flown(vehicle.seed, Log._fields, wall)
+        vehicle.name: flight.result(vehicle.seed, Log._fields, wall)
         for vehicle, flight in zip(vehicles, running, strict=True)
     }
 
@@ -240,7 +240,7 @@ class _Running:
                 "and damping"
             )
 
-    def flown(
+    def result(
         self, seed: int, columns: Iterable[str], wall: float, *, figures_only: bool = False
     ) -> Flight:
         """Return the flight as far as it is flown, with some columns of its log."""
@@ -254,8 +254,8 @@ class _Running:
             flight = replace(flight, topics=_topics(said, _OF_FIGURES))
         else:
             topics = _topics(said, dict.fromkeys((*_FIRST, *said)))
-            flown = flown_topics(t, kept, _poses(self.flights), topics)
-            flight = replace(flight, topics=flown, scenario=as_flown(scenario, seed, self._setup))
+            topics = flown_topics(t, kept, _poses(self.flights), topics)
+            flight = replace(flight, topics=topics, scenario=as_flown(scenario, seed, self._setup))
         return with_figures(flight, scenario, seed, wall, _phases(said))
 
 

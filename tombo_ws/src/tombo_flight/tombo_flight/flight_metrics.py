@@ -39,7 +39,7 @@ _SETTLED_RADIUS = 0.1
 _SETTLED_SPEED = 0.1
 _SETTLED_TIME = 1.0
 _OVERTURNED = 2.1
-_HARD = 1.0
+_HARD_LANDING_SPEED = 1.0
 """[m/s]: a leg need not bear more. A rotorcraft's gear is tested by a level drop of 0.2 m, 2 m/s
 (CS 27.725: at least 8 inches); of four legs the one that touches first bears a quarter of that
 energy. PX4 lands at 0.7 m/s (MPC_LAND_SPEED)."""
@@ -314,7 +314,7 @@ def _crash(vehicle: VehicleParams, log: Mapping[str, Array], tilted: Array) -> i
         return None
     where = flown[0] + np.flatnonzero(position[flown[0] :, 2] < 0.5)
     legs, motors = _lowest_points(vehicle, position[where], attitude[where])
-    hard = -log["velocity"][where, 2] > _HARD
+    hard = -log["velocity"][where, 2] > _HARD_LANDING_SPEED
     hits = where[(motors < 0.0) | ((legs < 0.0) & hard)][:1].tolist()
     over = tilted > _OVERTURNED
     if over[-1]:

@@ -62,7 +62,7 @@ def flight_summary(
     """Return the content of `summary.json`: plain values, never NaN, wall times last.
 
     Args:
-        flight: what was flown.
+        flight: with its summary.
         interrupted: it was ended from outside before its time.
         recorded_messages: number of messages in `flight.mcap`; None: not recorded.
     """
@@ -98,7 +98,7 @@ def fly_into(
         seed: all randomness derives from it.
         stop: watched between samples of the motion capture.
         record: write `flight.mcap`.
-        on_progress: told the progress.
+        on_progress: receives the progress.
 
     Raises:
         OSError: the files can't be written.
@@ -107,7 +107,7 @@ def fly_into(
 
     def cut() -> bool:
         nonlocal interrupted
-        interrupted = stop.asked()
+        interrupted = stop.requested()
         return interrupted
 
     flown = fly_scenario(
@@ -135,7 +135,7 @@ def write_scenario(path: Path, scenario: Scenario, seed: int) -> None:
 
     Args:
         path: of the file.
-        scenario: what was flown; the effects of a model are among its own.
+        scenario: the scenario that was flown, with the effects of its model.
         seed: as flown.
 
     Raises:

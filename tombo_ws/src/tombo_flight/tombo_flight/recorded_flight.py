@@ -69,7 +69,7 @@ _TOPICS = (
     *(MISSION_STATUS, MOCAP_POSE, ODOMETRY, PX4_STATUS, RATES_SETPOINT, REACTION_STATUS),
     *(ROTOR_COMMAND, SETPOINT, TRUE_CONTACT, TRUE_ODOMETRY, TRUE_ROTORS),
 )
-_SMOOTH = {
+_INTERPOLATED = {
     "position": (TRUE_ODOMETRY.name, "position"),
     "rates": (TRUE_ODOMETRY.name, "rates"),
     "est_position": (ODOMETRY.name, "position"),
@@ -78,8 +78,8 @@ _SMOOTH = {
     "fold": (TRUE_ROTORS.name, "fold"),
     "damage": (TRUE_ROTORS.name, "damage"),
 }
-"""Column of the log → topic and field of what changes between two messages too."""
-_HELD = {
+"""Column of the log → topic and field of a quantity that is interpolated between messages."""
+_STEPWISE = {
     "gyro": (IMU.name, "gyro"),
     "accel": (IMU.name, "accel"),
     "position_setpoint": (SETPOINT.name, "position"),
@@ -90,7 +90,7 @@ _HELD = {
     "rates_setpoint": (RATES_SETPOINT.name, "rates"),
     "rotor_command": (ROTOR_COMMAND.name, "speed"),
 }
-"""Column of the log → topic and field of what holds until the next message."""
+"""Column of the log → topic and field of a quantity that holds until the next message."""
 _TRANSPORT_NS = {SETPOINT.name: TICK_NS}
 """The log has what the controller follows: a set point of tick k reaches it at k + 1."""
 
@@ -159,13 +159,13 @@ class _Ticks:
         """Return the tick nearest to each stamp, whether or not it is one of the flight's."""
         return (stamps_ns - self.epoch_ns + TICK_NS // 2) // TICK_NS
 
-    def smooth(self, stamps_ns: Times, values: Array) -> Array:
+    def interpolate(self, stamps_ns: Times, values: Array) -> Array:
         """Return (count, k): straight lines between the values; beyond them, the nearest."""
         at, last = self._last_at(stamps_ns)
         every = np.arange(self.count)
         return np.column_stack([np.interp(every, at, column) for column in values[last].T])
 
-    def held(self, stamps_ns: Times, values: Array) -> Array:
+    def hold(self, stamps_ns: Times, values: Array) -> Array:
         """Return (count, k): each value until the next one; the first also before it."""
         at, last = self._last_at(stamps_ns)
         row = np.searchsorted(at, np.arange(self.count), side="right") - 1
@@ -238,24 +238,24 @@ def _log(fields: Fields, ticks: _Ticks) -> dict[str, Array]:
     log = {
         name: np.full((ticks.count, *one.shape), math.nan) for name, one in LogRow.fields.items()
     }
-    for sources, laid in ((_SMOOTH, ticks.smooth), (_HELD, ticks.held)):
+    for sources, resample in ((_INTERPOLATED, ticks.interpolate), (_STEPWISE, ticks.hold)):
         for column, (topic, field) in sources.items():
             if (table := fields.get(topic)) is not None:
                 stamps = table["stamp_ns"] + _TRANSPORT_NS.get(topic, 0)
                 values = np.asarray(table[field], np.float64)
-                log[column] = laid(stamps, values.reshape(len(stamps), -1))
+                log[column] = resample(stamps, values.reshape(len(stamps), -1))
     for topic, prefix in ((TRUE_ODOMETRY.name, ""), (ODOMETRY.name, "est_")):
         if (table := fields.get(topic)) is not None:
             stamps, turns = table["stamp_ns"], table["attitude"]
-            log[f"{prefix}velocity"] = ticks.smooth(stamps, _velocity_in_map(table))
-            attitude = ticks.smooth(stamps, unwrap_quaternions(turns))
+            log[f"{prefix}velocity"] = ticks.interpolate(stamps, _velocity_in_map(table))
+            attitude = ticks.interpolate(stamps, unwrap_quaternions(turns))
             attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
             log[f"{prefix}attitude"] = attitude
     if _MEASURED_VELOCITY in fields[TRUE_ODOMETRY.name]:
         log["rates"] = log["gyro"].copy()
     if (table := fields.get(BATTERY.name)) is not None:
         both = np.column_stack([-table["current"], table["voltage"]])
-        log["battery"][:, 1:] = ticks.held(table["stamp_ns"], both)
+        log["battery"][:, 1:] = ticks.hold(table["stamp_ns"], both)
     _fill_contact(log, fields, ticks)
     log["mode"] = _phases(fields, ticks)
     return log
@@ -292,7 +292,7 @@ def _phases(fields: Fields, ticks: _Ticks) -> Array:
     for name in (SETPOINT.name, MISSION_STATUS.name):
         if (table := fields.get(name)) is not None:
             stamps = table["stamp_ns"] + _TRANSPORT_NS.get(name, 0)
-            phases = ticks.held(stamps, table["phase"][:, None])
+            phases = ticks.hold(stamps, table["phase"][:, None])
             phases[: max(int(ticks.at(stamps).min()), 0)] = Phase.IDLE
             break
     setpoints, status = fields.get(SETPOINT.name), fields.get(MISSION_STATUS.name)
@@ -302,7 +302,7 @@ def _phases(fields: Fields, ticks: _Ticks) -> Array:
             phases[max(int(ticks.at(landed_ns)[0]), 0) :] = Phase.LANDED
     if (px4 := fields.get(PX4_STATUS.name)) is not None:
         landing = landing_phases(px4["armed"], px4["mode"])
-        own = ticks.held(px4["stamp_ns"], landing[:, None])
+        own = ticks.hold(px4["stamp_ns"], landing[:, None])
         phases = np.where(np.isfinite(own) & (phases != Phase.LANDED), own, phases)
     return phases
 

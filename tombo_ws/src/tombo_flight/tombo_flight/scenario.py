@@ -153,8 +153,9 @@ def _extended(
 ) -> dict[str, Any]:
     """Return the content of a scenario, merged with its base."""
     if not isinstance(values, dict):
-        found = shown(values)
-        raise InputError(f"scenario '{name}': {found} is no scenario; accepted: keys and values")
+        raise InputError(
+            f"scenario '{name}': {shown(values)} is not a scenario; accepted: keys and values"
+        )
     if "model" in values:
         raise InputError(
             f"scenario '{name}': model: accepted: tombo fly --model FILE in its place"
@@ -162,7 +163,7 @@ def _extended(
     own = dict(values)
     base = own.pop("extends", None)
     parent = {} if base is None else _read(str(base), folder, below)[0]
-    return laid_over(parent, own)
+    return merge_scenario(parent, own)
 
 
 def load_scenario(
@@ -226,7 +227,7 @@ def scenario_values(
 def with_settings(values: dict[str, Any], settings: Sequence[str], label: str) -> Scenario:
     """Apply settings one after the other, and check the whole."""
     for setting in settings:
-        values = _with_vehicle(laid_over(values, nested(setting)))
+        values = _with_vehicle(merge_scenario(values, nested(setting)))
     scenario = scenario_from_mapping(values, label)
     if scenario.propeller.plain:
         for setting in settings:
@@ -246,10 +247,10 @@ def scenario_over(
     Raises:
         InputError: as `load_scenario`.
     """
-    values = laid_over({}, base)
+    values = merge_scenario({}, base)
     if name is not None:
         over, _ = _read(name)
-        values = laid_over(values, over)
+        values = merge_scenario(values, over)
     return with_settings(_with_vehicle(values), settings, label)
 
 
@@ -268,7 +269,7 @@ def scenario_from_mapping(values: Mapping[str, Any], label: str) -> Scenario:
     Raises:
         InputError: as `load_scenario`.
     """
-    values = _with_vehicle(laid_over({}, values))
+    values = _with_vehicle(merge_scenario({}, values))
     accepted = [f.name for f in dataclasses.fields(Scenario)]
     built: dict[str, Any] = {"name": label}
     for key, value in values.items():
@@ -375,11 +376,11 @@ def nested(
     return value
 
 
-def laid_over(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a scenario's values with others over them, key by key.
+def merge_scenario(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scenario's values merged with others, key by key; `over` has priority.
 
-    Two keys set more than a value: with `disturbances: true` those of the suite lie between
-    the two; another `reaction.name` leaves the parameters of the reaction before.
+    Two keys set more than a value: `disturbances: true` adds the suite's values, which have
+    priority over `base`; another `reaction.name` drops the parameters of the former reaction.
 
     Raises:
         InputError: `disturbances` is not true or false, or `base` has some that `over` does not

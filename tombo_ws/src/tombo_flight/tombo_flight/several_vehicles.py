@@ -27,14 +27,14 @@ class FlownVehicle:
 
 
 def vehicle_names(count: int) -> list[str]:
-    """Return the names of so many vehicles."""
+    """Return the names of `count` vehicles."""
     return [f"v{number}" for number in range(1, count + 1)]
 
 
 def vehicles_of(scenario: Scenario, count: int, seed: int) -> list[FlownVehicle]:
     """Return vehicles that fly a scenario side by side: the first one the scenario as it is.
 
-    Each feels the downwash of the others, unless the scenario says another strength.
+    Downwash of the others acts on each, unless the scenario sets another strength.
     """
     effects = {"downwash": {"strength": 1.0}, **scenario.effects}
     vehicles = []

@@ -72,7 +72,7 @@ class RecordedTopic(PolledSubscription):
         while item is not None:
             message, info = item
             received = info["received_timestamp"]
-            self.sequence_counter.seen(info["publication_sequence_number"])
+            self.sequence_counter.count(info["publication_sequence_number"])
             write(self.name, message, received, info["source_timestamp"] or received)
             self.received += 1
             item = self._take(self.kind, True)

@@ -87,11 +87,11 @@ class Scored(Workers, Shown):
                     typer.echo(stage, err=True)  # a run of hours in the background
 
             result = run_benchmark(
-                examine, aggregate, cases, seed, workers, on_progress, stop.asked, kept
+                examine, aggregate, cases, seed, workers, on_progress, stop.requested, kept
             )
-            if finish is not None and not stop.asked():
-                result = finish(result, on_progress, stop.asked)
-        if stop.asked():
+            if finish is not None and not stop.requested():
+                result = finish(result, on_progress, stop.requested)
+        if stop.requested():
             goes_on = f"; the same command goes on with '{part}'" if kept else ""
             typer.echo(f"Error: interrupted{goes_on}", err=True)
             raise typer.Exit(stop.exit_code)

@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return subprocess.run(command).returncode
             study = _study(options, build is not None, stop)
             for name, seed, fly in study.cases:
-                if stop.asked():
+                if stop.requested():
                     break
                 if not options.row or any(word in name for word in options.row):
                     folder = Path(scratch) / str(len(rows))

@@ -119,12 +119,12 @@ def test_ctrl_c_ends_a_sweep_with_all_its_processes(start, tmp_path):
 def test_signals_are_remembered_then_raised_and_given_back():
     before = signal.getsignal(signal.SIGINT)
     with StopSignals() as stop:
-        assert not stop.asked()
+        assert not stop.requested()
         assert stop.exit_code == 0
         with stop.at_once():
             pass
         os.kill(os.getpid(), signal.SIGINT)
-        assert stop.asked()
+        assert stop.requested()
         assert stop.exit_code == 130
         with pytest.raises(Stopped), stop.at_once():
             pytest.fail("a signal that came before counts")

@@ -310,7 +310,7 @@ class ModelFile:
     model: str | None = option(
         "--model FILE",
         "A model file that `tombo diagnose` or `tombo propeller diagnose` has written. Its "
-        "effects are laid over those of the scenario; --set wins over both.",
+        "effects are merged with those of the scenario; --set wins over both.",
     )
 
 

@@ -199,7 +199,7 @@ def run_sweep(
 
         on_progress("loading", 0.0)
         page = fly_sweep(
-            opened, workers=workers, scheduler=scheduler, progress=tell, stop=stop.asked
+            opened, workers=workers, scheduler=scheduler, progress=tell, stop=stop.requested
         )
     if page is None:
         words = f"{opened.kept} of {flights} flights are kept; the same command with -o {path}"

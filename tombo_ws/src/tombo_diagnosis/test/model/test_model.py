@@ -136,7 +136,7 @@ def changed(old, new):
         ("value: 0.45, ", "", "d_xy.value: nan"),
         ("unit: N s/m", "unit: kg", "d_xy.unit: 'kg'; accepted: N s/m"),
         ("tombo_model: 1", "tombo_model: 2", "tombo_model: 2; accepted: 1"),
-        ("tombo_model: 1", "model: 1", "it is no model"),
+        ("tombo_model: 1", "model: 1", "it is not a model"),
         ("origin:", "orgin:", "'orgin'.*origin"),
         ("effects:", "effects: 3\nnotes:", "key 'notes' twice"),
     ],

@@ -34,7 +34,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         OSError: it can't be written, or is not a file but a device or a folder.
     """
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is no file", str(path))
+        raise OSError(errno.EINVAL, "it is not a file", str(path))
     unfinished = path.with_name(f".{path.name}.unfinished")
     try:
         yield unfinished
@@ -72,7 +72,7 @@ def make_numbered(path: Path) -> Path:
 
 
 def make_folder(path: Path, *, numbered: bool) -> tuple[Path, list[Path]]:
-    """Make a folder with its parents; return it, and those that are new, the innermost first.
+    """Make a folder with its parents; return it, and the new folders, the innermost first.
 
     Args:
         path: the folder; it may be there.

@@ -30,8 +30,8 @@ class StopSignals:
         self._raising = False
         self._before: dict[signal.Signals, Any] = {}
 
-    def asked(self) -> bool:
-        """Return whether a signal has come."""
+    def requested(self) -> bool:
+        """Return whether a signal has requested a stop."""
         return self.number != 0
 
     @property
@@ -47,10 +47,10 @@ class StopSignals:
         """
         self._raising = True
         try:
-            if self.asked():
+            if self.requested():
                 raise Stopped
             yield
-            if self.asked():
+            if self.requested():
                 raise Stopped
         finally:
             self._raising = False

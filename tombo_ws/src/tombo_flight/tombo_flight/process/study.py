@@ -17,7 +17,7 @@ from tombo_flight.process.workers import process_count, run_in_processes, run_on
 from tombo_flight.scenario import Scenario
 
 FlightRow = dict[str, Any]
-"""What is kept of a flight; `error` says why one could not be flown."""
+"""Figures of a flight by name; `error` says why one could not be flown."""
 _CLUSTER_WORKERS = 64
 """Of a cluster, whose size may change: the number of parts of the flights."""
 _BATCHES = 24
@@ -36,11 +36,11 @@ class Task(NamedTuple):
 
 
 class FlownStudy(Protocol):
-    """What is flown; it can be sent to other processes."""
+    """A study of many flights; it can be sent to other processes."""
 
     @property
     def summary_only(self) -> bool:
-        """Whether `figures` needs no more of a flight than its summary: its log is shorter."""
+        """Whether `figures` reads only the summary of a flight; its log is then shorter."""
         ...
 
     def scenario_at(self, point: Any, /) -> Scenario:
@@ -56,7 +56,7 @@ class FlownStudy(Protocol):
         ...
 
 
-Flown = list[tuple[Task, FlightRow]]
+FlownTasks = list[tuple[Task, FlightRow]]
 
 
 class _Flyer:
@@ -85,7 +85,7 @@ def begin_flying(study: FlownStudy) -> None:
     _here.flyer = _Flyer(study)
 
 
-def fly_batch(tasks: Sequence[Task]) -> Flown:
+def fly_batch(tasks: Sequence[Task]) -> FlownTasks:
     """Fly tasks of the study that this thread is prepared for."""
     return [(task, _here.flyer.fly(task)) for task in tasks]
 
@@ -94,7 +94,7 @@ def fly_tasks(
     study: FlownStudy,
     tasks: Iterable[Task],
     count: int,
-    keep: Callable[[Flown], None],
+    keep: Callable[[FlownTasks], None],
     *,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -103,13 +103,13 @@ def fly_tasks(
     """Fly tasks of a study in batches, in any order.
 
     Args:
-        study: what is flown.
-        tasks: what is flown of it; a scenario is made once for those of a point in a row.
+        study: makes the scenarios and the rows.
+        tasks: its flights; consecutive ones of a point share one scenario.
         count: number of tasks, or more.
         keep: called with the tasks of a batch and their rows, as soon as they are flown.
         workers: processes of this machine; the cores that this process may use if None.
         scheduler: address of a Dask scheduler, in place of processes of this machine.
-        stop: asked ten times a second; True ends it.
+        stop: called ten times a second; True ends the study.
 
     Raises:
         InputError: the scheduler can't be reached, or has another version of the suite.
@@ -170,15 +170,15 @@ def fly_seeds(
     """Fly one scenario with many seeds; return the rows by seed, in the order of the seeds.
 
     Args:
-        scenario: what to fly.
+        scenario: flown with each seed.
         seeds: of the flights.
-        figures: what is kept of a flight; a function of a module.
-        summary_only: `figures` needs no more of a flight than its summary.
+        figures: returns the row of a flight; a function of a module.
+        summary_only: `figures` reads only the summary of a flight.
         progress: called with the number of flights done.
     """
     rows: dict[int, FlightRow] = {}
 
-    def keep(flown: Flown) -> None:
+    def keep(flown: FlownTasks) -> None:
         rows.update({task.seed: row for task, row in flown})
         if progress is not None:
             progress(len(rows))

@@ -52,12 +52,12 @@ def run_in_processes(
     """Yield results as they come, in any order; closing the generator ends all processes.
 
     Args:
-        work: what is done with each item; a function of a module.
+        work: processes one item; a function of a module.
         items: the items.
         workers: number of processes.
         begin: called once in each process with `given`.
         given: arguments of `begin`.
-        stop: asked ten times a second; True ends all processes.
+        stop: called ten times a second; True ends all processes.
         copies: start the processes as copies of this one, where no other threads run in it: all
             code is loaded already, which saves each two seconds. Not for work that needs another
             number of threads of linear algebra than this process has.
@@ -144,11 +144,11 @@ def run_on_cluster(
 
     Args:
         address: of the scheduler.
-        work: what is done with each item; a function of a module.
+        work: processes one item; a function of a module.
         items: the items; each costs the scheduler several milliseconds.
         begin: called once in each thread of the workers with `given`.
         given: arguments of `begin`.
-        stop: asked now and then; True ends it.
+        stop: called now and then; True ends the work.
 
     Raises:
         InputError: the scheduler can't be reached, or has another version of the suite.

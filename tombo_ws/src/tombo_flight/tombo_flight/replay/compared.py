@@ -1,4 +1,4 @@
-"""What is compared of each node: recorded messages with those of the replay."""
+"""Compare the recorded messages of each node with those of its replay."""
 
 from __future__ import annotations
 

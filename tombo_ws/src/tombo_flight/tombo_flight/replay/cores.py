@@ -164,7 +164,7 @@ class Inputs:
 
 
 def through_core(inputs: Inputs, node: str) -> tuple[dict[str, Stream], dict[str, Any]]:
-    """Return the messages of a node's core by topic, and what it has counted."""
+    """Return the messages of a node's core by topic, and its counters."""
     core = core_of(NODES[node], inputs.scenario)
     streams = {topic: inputs.stream(topic) for topic in core.inputs}
     if DETECTOR_STATUS.name in streams and not inputs.has(DETECTOR_STATUS.name):

@@ -67,7 +67,7 @@ class PoseTrack:
 
 
 def find_pose_topic(topics: Mapping[str, TopicSummary]) -> str | None:
-    """Return the topic with the vehicle's poses; None if there is no candidate.
+    """Return the topic with the vehicle's poses; None without a candidate.
 
     Raises:
         InputError: several candidates, or `/mocap/pose` has a type that holds no pose.
@@ -350,7 +350,7 @@ def _gaps(poses: PoseTrack, gap_max_s: float) -> list[str]:
 
 
 def _frozen(poses: PoseTrack, good: NDArray[np.bool_]) -> list[str]:
-    """Find poses that repeat to the last bit in flight: what a motion capture sends when lost."""
+    """Find poses that repeat to the last bit in flight: a motion capture sends them when lost."""
     values = np.concatenate([poses.position[good], poses.attitude[good]], axis=1)
     away = np.linalg.norm(values[:, :3] - values[0, :3], axis=1) > _MOVED_M
     same = (values[1:] == values[:-1]).all(axis=1) & away[1:]

@@ -171,8 +171,8 @@ def _key_figures(rows: Sequence[_Row]) -> list[Card]:
     cards = []
     for figure, flown, printed in shown:
         value, _, unit = figure.text(flown).partition(" ")
-        beside = f"paper {fixed(printed, 1)} {figure.unit}" if isinstance(printed, float) else ""
-        cards.append(Card(figure.name, value, unit, beside))
+        note = f"paper {fixed(printed, 1)} {figure.unit}" if isinstance(printed, float) else ""
+        cards.append(Card(figure.name, value, unit, note))
     return cards
 
 

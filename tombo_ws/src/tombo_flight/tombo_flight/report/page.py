@@ -33,7 +33,7 @@ class Card:
     name: str
     value: str
     unit: str = ""
-    beside: str = ""
+    note: str = ""
     """Small text below the value."""
 
 

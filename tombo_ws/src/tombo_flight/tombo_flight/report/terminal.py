@@ -85,7 +85,7 @@ def _card_table(cards: Sequence[Card]) -> RichTable:
     table = RichTable(box=None, show_header=False, padding=(0, 2, 0, 0))
     for card in cards:
         value = f"{card.value} {card.unit}".rstrip()
-        table.add_row(RichText(card.name), RichText(value, "bold"), RichText(card.beside, "dim"))
+        table.add_row(RichText(card.name), RichText(value, "bold"), RichText(card.note, "dim"))
     return table
 
 

@@ -2,8 +2,8 @@
 
     python -m tombo_flight.suite.group_node v1/estimator v1/controller ... [--ros-args ...]
 
-Their loops share a thread, so they take no core from each other. Simulators feel the downwash of
-those beside them.
+Their loops share a thread, so they take no core from each other. Simulators include the
+downwash of the group's other vehicles.
 """
 
 from __future__ import annotations

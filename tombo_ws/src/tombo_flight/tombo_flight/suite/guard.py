@@ -2,9 +2,9 @@
 
     python -I -S guard.py < PIPE
 
-Reads process groups from a pipe whose other end is the supervisor's, `PID` a line, `-PID` once a
-group is gone. When the pipe closes, the nodes have got their SIGINT (see `launcher`); groups that
-still run 2 s later are ended.
+Reads process groups from the supervisor's pipe: a line `PID` adds a group, `-PID` removes it.
+When the pipe closes, the nodes have got their SIGINT (see `launcher`). Groups that still run 2 s
+later get SIGTERM, then SIGKILL.
 """
 
 from __future__ import annotations

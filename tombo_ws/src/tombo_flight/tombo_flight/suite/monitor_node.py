@@ -68,7 +68,7 @@ class Monitor:
         self._requests = OperatorRequests(node)
 
     def lines(self, typed: str) -> list[dict[str, Any]]:
-        """Ask for what was typed; return what has come since the last call, and answers."""
+        """Send the typed requests; return the messages since the last call, and answers."""
         refused = self._requests.read(typed)
         return [*self.changes(), *refused, *self._requests.answers()]
 

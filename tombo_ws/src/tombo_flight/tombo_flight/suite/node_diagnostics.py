@@ -26,10 +26,10 @@ class NodeStatus:
 
     Attributes:
         level: 0 well, 1 warning, 2 error.
-        message: what is wrong; empty if nothing is.
-        values: figures by name, numbers where they are some.
+        message: the fault; empty without one.
+        values: figures by name, as numbers where possible.
         loops: figures of its loops over its whole life, by the loop's name, as `rate loop`.
-        heard_s: when it came, on the clock of who listens.
+        heard_s: time of arrival [s], on the clock of the receiver.
     """
 
     level: int = 0
@@ -173,7 +173,7 @@ def too_slow(loops: Mapping[str, Mapping[str, Any]], lost: str) -> list[str]:
     recorder's loop only empties queues of seconds: of it, no message may be lost.
 
     Args:
-        loops: name → figures; those that were not reported count as good.
+        loops: name → figures; figures that were not reported count as good.
         lost: how many messages the recorder lost, as it wrote it.
     """
     found = []

@@ -144,12 +144,12 @@ def fly_nodes_and_save(
         folder: where the files go; the caller publishes it.
         scenario: what to fly; `warm_up_nodes` first.
         seed: of the simulator's random draws. In real time no two flights are equal.
-        stop: a request to stop ends the flight; what was flown is kept.
+        stop: a request to stop ends the flight; its data until then are kept.
         speed: of simulated time against real time.
         lockstep: run the ticks of the headless flight, as fast as the machine can.
         domain: ROS_DOMAIN_ID; None: one of its own, or with a vehicle that is there already that
             of this process.
-        on_progress: told the progress.
+        on_progress: receives the progress.
         px4: fly over MAVLink.
         notice: called with texts that the user should see at once.
 
@@ -258,7 +258,7 @@ def _fly(
                     bridge=suite.node_diagnostics.nodes.get("px4_bridge"),
                 )  # fmt: skip
                 flown.refused, flown.loss = bridge.refusal, bridge.loss
-            flown.interrupted = stop.asked()
+            flown.interrupted = stop.requested()
             gone = [name for name in needed if name not in suite.running]
             if patience_s == _START_S and now_s - heard_s > patience_s:
                 flown.refused = flown.refused or _NOTHING_SEEN
@@ -292,7 +292,7 @@ def _land_by_bridge(
     One more signal than there was ends the waiting.
     """
     try:
-        interrupted = stop.asked()
+        interrupted = stop.requested()
         end_s = time.monotonic() + _COMES_DOWN_S
         suite.send_signal("px4_bridge", signal.SIGINT)
         again = " again" if interrupted else ""
@@ -301,12 +301,12 @@ def _land_by_bridge(
         else:
             notice(f"armed in mode {bridge.mode}: poses go on; Ctrl-C{again} leaves it to PX4")
         while bridge.armed and (now_s := time.monotonic()) < end_s:
-            if stop.asked() and not interrupted:
+            if stop.requested() and not interrupted:
                 return
             bridge.see(suite.poll(_LOOK_S).px4, None, now_s, over=True)
             if "px4_bridge" not in suite.running:
                 end_s = min(end_s, now_s + _RELAYED_S)
-    except KeyboardInterrupt:  # the second Ctrl-C; what was flown is kept
+    except KeyboardInterrupt:  # the second Ctrl-C; the data until then are kept
         return
 
 

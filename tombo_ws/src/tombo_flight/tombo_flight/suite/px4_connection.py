@@ -36,8 +36,8 @@ class Px4Connection:
     """How the bridge reaches PX4.
 
     Attributes:
-        link: the bridge's link.
-        bridge: what it does with it.
+        link: parameters of the bridge's link.
+        bridge: parameters of the bridge.
         endpoint: URL of the simulated PX4's end; empty: there is a PX4 already.
         hil_port: where that PX4 finds its simulator, which flies along; 0: it has a vehicle.
         writes: NAME=VALUE of PX4's parameters that the bridge sets before the flight.
@@ -126,8 +126,8 @@ def _writes(given: Any) -> tuple[str, ...]:
         given = [given]
     if not isinstance(given, list):
         raise InputError(
-            f"{_PX4_PARAMETERS}: {shown(given)} is no list; accepted: {', '.join(SETS)}, or a list"
-            " as [safe, NAME=VALUE]"
+            f"{_PX4_PARAMETERS}: {shown(given)} is not a list; accepted: {', '.join(SETS)}, or a "
+            "list as [safe, NAME=VALUE]"
         )
     found = tuple(map(str, given))
     parse_assignments(found)
@@ -138,7 +138,7 @@ def _section(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """Return the values of a section.
 
     Raises:
-        InputError: it is none.
+        InputError: the section is not a mapping.
     """
     found = values.get(name, {})
     if not isinstance(found, Mapping):
@@ -246,7 +246,7 @@ def _parse_heartbeat(heartbeat: Any) -> Vehicle:
     system, component = heartbeat.get_srcSystem(), heartbeat.get_srcComponent()
     if heartbeat.autopilot != _PX4:
         raise InputError(
-            f"system {system}, component {component}: autopilot {heartbeat.autopilot} is no PX4; "
+            f"system {system}, component {component}: autopilot {heartbeat.autopilot} is not PX4; "
             f"accepted: PX4 ({_PX4})"
         )
     return Vehicle(

@@ -51,7 +51,7 @@ class BridgeMonitor:
         self._now_s = 0.0
         self._lost = False
         self._ended_because = ""
-        """Why the bridge has begun to land, or has given up; what it said last."""
+        """Why the bridge has begun to land, or has given up: its last message."""
         self._fault = ""
 
     @property

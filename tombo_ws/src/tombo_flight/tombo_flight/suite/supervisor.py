@@ -208,7 +208,7 @@ class Supervisor:
             self._kill()
 
     def poll(self, wait_s: float) -> ProcessUpdate:
-        """Wait for a while, or until a program that is listened to prints; return what is new."""
+        """Wait for a while, or until a program that is listened to prints; return the changes."""
         lines = self._read_pipes(wait_s)
         ended = self._reap()
         children = [*self._alive.values(), *(child for child, _ in ended)]

@@ -1,4 +1,4 @@
-"""The folder of a sweep, and the flight of what it lacks: it goes on after a kill.
+"""The folder of a sweep: a sweep continues after a kill with the flights that are missing.
 
 Each batch of flights is a Parquet file in `parts/` as soon as it is flown; at the end all are
 joined to `flights.parquet`. The table does not depend on the number of interruptions.
@@ -27,7 +27,7 @@ from tombo_flight.process.output_folder import (
     whole_file,
     write_whole,
 )
-from tombo_flight.process.study import Flown, Task, fly_tasks
+from tombo_flight.process.study import FlownTasks, Task, fly_tasks
 from tombo_flight.sweep.study import SweepStudy
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class SweepFolder:
         for flight in np.flatnonzero(~self.is_kept).tolist():
             yield Task(flight, *self.study.place(flight))
 
-    def keep(self, flown: Flown) -> None:
+    def keep(self, flown: FlownTasks) -> None:
         """Put a batch of flights on disk, in a file that is named by the first.
 
         Raises:
@@ -162,11 +162,11 @@ def open_sweep(
 ) -> Iterator[SweepFolder]:
     """Open the folder of a sweep: a new or empty one, or that of the same sweep, to go on with.
 
-    A new one, with the parents made for it, is gone again where not one flight was flown.
+    A new one, with the parents made for it, is removed if no flight was flown.
 
     Args:
         folder: the folder; its parents are made as needed.
-        study: what is flown.
+        study: the sweep.
         numbered: make a new folder, with a number behind its name where that is taken.
         again: remove the results that are in the folder, of whatever was flown.
 
@@ -266,13 +266,13 @@ def fly_sweep(
     stop: Callable[[], bool] | None = None,
     page: bool = True,
 ) -> Page | None:
-    """Fly what a sweep's folder does not have, and write table, page and result.
+    """Fly the missing flights of a sweep's folder, and write table, page and result.
 
     Args:
         opened: the folder.
         workers: processes of this machine; the cores that this process may use if None.
         scheduler: address of a Dask scheduler, in place of processes of this machine.
-        progress: told the progress.
+        progress: receives the progress.
         stop: asked now and then; True ends it, with the finished flights on disk.
         page: make page and result, too.
 
@@ -285,7 +285,7 @@ def fly_sweep(
     """
     study, began, before = opened.study, time.monotonic(), opened.kept
 
-    def keep(flown: Flown) -> None:
+    def keep(flown: FlownTasks) -> None:
         opened.keep(flown)
         if progress is not None:
             rate = (opened.kept - before) / max(time.monotonic() - began, 1e-6)

@@ -126,8 +126,8 @@ def _cards(total: Result) -> list[Card]:
     ):
         values = total[key]
         if values["count"]:
-            beside = f"5 to 95 %: {values['p05']:.2f} to {values['p95']:.2f}"
-            cards.append(Card(name, f"{values['median']:.2f}", unit, beside))
+            note = f"5 to 95 %: {values['p05']:.2f} to {values['p95']:.2f}"
+            cards.append(Card(name, f"{values['median']:.2f}", unit, note))
     return cards
 
 
@@ -135,7 +135,7 @@ def _all_flights(results: Result) -> list[Item]:
     of_paper, rows = results["of_paper"], []
     for key in _SHOWN:
         values, figure = results["aggregate"][key], BY_KEY[key]
-        if values["count"]:  # none of the figures of a collision where there is no obstacle
+        if values["count"]:  # without an obstacle, figures of collisions are missing
             printed = ["–" if figure.paper is None else f"{figure.paper:g}"] if of_paper else []
             parts = (values[part] for part in ("median", "p05", "p95", "max"))
             cells = [fixed(figure.factor * value, figure.digits) for value in parts]

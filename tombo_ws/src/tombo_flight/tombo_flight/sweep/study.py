@@ -140,7 +140,7 @@ class SweepStudy:
 
     @property
     def keys(self) -> list[str]:
-        """What is varied: the columns of `varied`."""
+        """The varied settings: the columns of `varied`."""
         return [*([CASE] if len(self.cases) > 1 else []), *(a.key for a in self.design.axes)]
 
     def place(self, flight: int) -> tuple[int, int]:
@@ -224,7 +224,7 @@ def new_sweep(
 
     Args:
         scenarios: names or files with commas between them; a file may have cases in it.
-        design: what is varied.
+        design: the varied settings.
         seeds: of the flights of each point.
         settings: texts of --set.
         model: a model.yaml.

@@ -155,7 +155,7 @@ def _fly_one(scenario: Scenario, seed: int, place: Place, record: bool, as_json:
             flight = fly_into(folder, scenario, seed, stop, record=record, on_progress=on_progress)
             names = sorted(p.name for p in folder.staging.iterdir())
             folder.publish()
-    if not as_json and stop.asked() and not flight.summary["interrupted"]:
+    if not as_json and stop.requested() and not flight.summary["interrupted"]:
         typer.echo("Interrupted after the flight: the pictures are not drawn.")
     show_page(flown_page(flight), as_json, None if as_json else folder.path, names)
     return stop.exit_code

@@ -112,7 +112,7 @@ def may_arm(
             "terminal where it can be confirmed"
         )
     names = tuple(parse_assignments(connection.writes))
-    vehicle = find_vehicle(connection.link, parameters=names, stop=stop.asked)
+    vehicle = find_vehicle(connection.link, parameters=names, stop=stop.requested)
     if vehicle is None:
         return False
     if vehicle.armed:

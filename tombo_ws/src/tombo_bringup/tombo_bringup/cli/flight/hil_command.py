@@ -91,7 +91,7 @@ def _serve(one: HilSimulator, stop: StopSignals, duration_s: float | None) -> No
     """Run until it is stopped."""
     began = time.monotonic()
     over = False
-    while not (over or stop.asked()):
+    while not (over or stop.requested()):
         now_ns = time.monotonic_ns()
         if not one.advance(now_ns):
             one.wait(now_ns, _WAIT_S)

@@ -164,7 +164,7 @@ def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> No
             over = limit_ns is not None and boot_ns + slipped_ns >= limit_ns
 
         slipped_ns = serve(
-            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.asked(), on_step
+            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.requested(), on_step
         )
     print("\n".join(_end_lines(endpoint, slipped_ns)), flush=True)
 

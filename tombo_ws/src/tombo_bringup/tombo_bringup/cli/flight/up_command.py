@@ -121,7 +121,7 @@ def _watch(config: SuiteConfig, duration_s: float | None, as_json: bool) -> int:
         if keys.there:
             screen.notice(HELP)
         with RunningSuite(config) as suite:
-            while not stop.asked() and suite.running:
+            while not stop.requested() and suite.running:
                 for request in keys.requests():
                     if request == "kill?":
                         screen.notice("kill: once more within a second switches the rotors off")

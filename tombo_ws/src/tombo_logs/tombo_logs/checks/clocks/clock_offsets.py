@@ -155,7 +155,7 @@ def _throughout(first: Signal, other: Signal, seen: Match) -> bool:
 def _signal(
     series: Series, quantity: Callable[[Series, Array], Array] = beside_poses
 ) -> Signal | None:
-    """Return what a channel shows, with its outliers cut; None: it is too short or too long.
+    """Return the signal of a channel without outliers; None: it is too short or too long.
 
     `quantity` returns that (N, k) of a series, at times (N,) of an even clock.
     """

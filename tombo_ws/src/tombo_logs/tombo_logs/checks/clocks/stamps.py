@@ -1,4 +1,4 @@
-"""The stamps of a channel: their unit, whether they are times of capture, what is missing."""
+"""The stamps of a channel: their unit, their gaps, and whether they are times of capture."""
 
 from __future__ import annotations
 
