@@ -30,7 +30,7 @@ TRUTH = {
 """Values to try where the typical one is too rare or too slow for a short scene, or ends on a
 tick."""
 BASE = {"linear_rotor_drag": {"d_xy": 0.2, "d_z": 0.1}}
-SEEN = (
+STATE = (
     "wind", "efficiency", "rotor_target", "rotor_speed", "fold", "damage", "strike_force",
     "strike_moment", "force", "moment", "inertia", "centre_of_gravity", "gyro", "accel",
 )  # fmt: skip
@@ -101,7 +101,7 @@ def observe(name, values):
             plant.supply.voltage,  # charge and current: bookkeeping of the battery's effect
         ]  # fmt: skip
         vectors = [mocap.position, mocap.attitude, contact.force, contact.point]
-        rows.append(np.concatenate([*(plant[name] for name in SEEN), v.body, *vectors, scalars]))
+        rows.append(np.concatenate([*(plant[name] for name in STATE), v.body, *vectors, scalars]))
         v.finish(noise[k])
     return np.array(rows)
 

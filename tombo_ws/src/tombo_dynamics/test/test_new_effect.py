@@ -58,7 +58,7 @@ def run(tmp_path_factory):
 
 
 def test_machine_code_of_other_sources_is_not_reused(run):
-    """Neither of a file that was not there, nor of one that read otherwise."""
+    """Sources differ by an added effect file, or by the text of that file."""
     edited = ROPE.replace("stiffness * max", "1.0 * stiffness * max")
     runs = [run(), run(ROPE), run(edited), run(ROPE)]
     caches, known = zip(*(done.stdout.split() for done in runs), strict=True)

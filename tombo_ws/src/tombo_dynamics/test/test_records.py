@@ -11,21 +11,21 @@ from tombo_dynamics.vehicle import VehicleParams
 
 class Point(Record):
     place = field("m", "map", 3)
-    count = field("1", "how often seen", kind=int)
+    count = field("1", "number of detections", kind=int)
 
 
 class Track(Record):
     start = field("", "where it begins", kind=Point)
     points = field("", "a ring", 4, kind=Point)
     vehicle = field("", "who flies", kind=VehicleParams)
-    seen = field("1", "", kind=bool)
+    valid = field("1", "", kind=bool)
 
 
 @compiled
 def walk(track, k):
     track.start.place[1] += track.vehicle.mass
     track.points[k].count += 2
-    track.seen = True
+    track.valid = True
 
 
 def test_compiled_code_writes_what_python_reads():
@@ -34,7 +34,7 @@ def test_compiled_code_writes_what_python_reads():
     walk(track, 3)
     assert track.start.place == pytest.approx([0.0, 1.7, 0.0])
     assert [point.count for point in track.points] == [0, 0, 0, 2]
-    assert track.seen
+    assert track.valid
 
 
 def test_a_deep_copy_keeps_record_and_array_one_piece_of_memory():

@@ -35,7 +35,7 @@ def matrix(q):
     return out
 
 
-def turned(q, v):
+def rotate(q, v):
     q = q.copy()
     rotate_by_vector(q, v)
     return q
@@ -58,15 +58,15 @@ def test_matrix_is_a_proper_rotation_and_scipys(q):
 @given(quaternions(), vectors, st.floats(-9.0, 0.0))
 def test_rotation_by_a_vector_is_the_exponential_in_the_body_frame(q, v, exponent):
     v = v * 10.0**exponent
-    after = Rotation.from_quat(turned(q, v))
+    after = Rotation.from_quat(rotate(q, v))
     expected = Rotation.from_quat(q) * Rotation.from_rotvec(v)
     assert (expected.inv() * after).magnitude() < 1e-14 + 1e-14 * np.linalg.norm(v)
-    assert np.linalg.norm(turned(q, v)) == pytest.approx(1.0, abs=1e-15)
+    assert np.linalg.norm(rotate(q, v)) == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("angle", [0.0099, 0.00999999, 0.01, 0.0100001, 0.0101])
 def test_series_and_closed_form_agree_where_they_meet(angle):
-    q = turned(np.array([0.0, 0.0, 0.0, 1.0]), (0.0, angle, 0.0))
+    q = rotate(np.array([0.0, 0.0, 0.0, 1.0]), (0.0, angle, 0.0))
     assert 2.0 * math.asin(q[1]) == pytest.approx(angle, abs=1e-15)
 
 

@@ -52,7 +52,7 @@ def test_good_yaml_is_read_as_ever():
 def test_a_file_that_is_no_text_or_too_large_is_refused(tmp_path):
     path = tmp_path / "x.yaml"
     path.write_bytes(b"\xff\xfe\x00a")
-    with pytest.raises(InputError, match="is no text"):
+    with pytest.raises(InputError, match="is not text"):
         read_yaml(path, "x")
     path.write_bytes(b"a" * (LARGEST + 1))
     with pytest.raises(InputError, match="too large"):

@@ -45,8 +45,8 @@ def push_point(plant: Plant, point: AnyVector, force: AnyVector) -> None:
     plant.moment = add(plant.moment, cross(point, push))
 
 
-FAR = 1e9
-"""m: distance of what cannot meet."""
+NO_INTERSECTION = 1e9
+"""[m]: distance where disc and obstacle cannot meet."""
 _STEEP = 0.2
 
 
@@ -59,20 +59,20 @@ def disc_to_obstacle(plant: Plant, hub: AnyVector) -> Vector:
         hub: its position in base_link [m].
 
     Returns:
-        distance [m] (1e9 when the disc plane meets the axis above the cylinder's top or below the
-        floor, or stands steeper than 78 deg), and the unit direction from the hub in the disc
-        plane, base_link x and y.
+        distance [m], and the unit direction from the hub in the disc plane, base_link x and y.
+        The distance is NO_INTERSECTION if the disc plane meets the axis above the cylinder's top
+        or below the floor, or is tilted by more than 78 deg.
     """
     turn, position, pole = plant.rotation, plant.state.position, plant.obstacle
     hx, hy, hz = vector(hub)
     if abs(turn[2, 2]) < _STEEP:
-        return FAR, 1.0, 0.0
+        return NO_INTERSECTION, 1.0, 0.0
     ax = pole.x - (position[0] + turn[0, 0] * hx + turn[0, 1] * hy + turn[0, 2] * hz)
     ay = pole.y - (position[1] + turn[1, 0] * hx + turn[1, 1] * hy + turn[1, 2] * hz)
     az = -(turn[0, 2] * ax + turn[1, 2] * ay) / turn[2, 2]
     z = position[2] + turn[2, 0] * hx + turn[2, 1] * hy + turn[2, 2] * hz + az
     if z > pole.top or z < 0.0:
-        return FAR, 1.0, 0.0
+        return NO_INTERSECTION, 1.0, 0.0
     ex, ey, _ = to_body(turn, (ax, ay, az))
     distance = math.sqrt(ex * ex + ey * ey)
     if distance < 1e-9:

@@ -106,11 +106,11 @@ class Output:
 
 @dataclass(frozen=True)
 class Compiled:
-    """A core as compiled code runs it. Functions take memories, parameters, then what is named.
+    """A core as compiled code runs it. Functions take memories, parameters, then as documented.
 
-    In a tick the messages are taken in the order of `inputs`, then the core is stepped if it is
-    due. A core without `step` publishes after each message that it takes, what is due; one with
-    `step` after it.
+    In a tick the core takes messages in the order of `inputs`, and is then stepped if it is due.
+    A core without `step` publishes its due messages after each message that it takes; one with
+    `step` publishes after the step.
     """
 
     memories: tuple[str, ...]

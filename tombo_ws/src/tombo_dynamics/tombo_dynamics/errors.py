@@ -24,7 +24,7 @@ class InputError(ValueError):
     """Bad input: the message names the input, its value and the accepted values, in one line."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(_cut(message, _LONGEST))
+        super().__init__(_truncate(message, _LONGEST))
 
 
 _short = reprlib.Repr()
@@ -34,12 +34,12 @@ _short.maxstring = _short.maxother = 2 * _NAME
 
 def shown(value: object, limit: int = 60) -> str:
     """Return a value as Python writes it, cut before the text is built, for an error message."""
-    return _cut(_short.repr(value), limit)
+    return _truncate(_short.repr(value), limit)
 
 
 def shown_names(names: Iterable[object], most: int = _MOST_NAMES) -> str:
     """Return names parted by commas; of many the first, of long ones the start."""
-    cut_names = [_cut(str(name), _NAME) for name in itertools.islice(names, most + 1)]
+    cut_names = [_truncate(str(name), _NAME) for name in itertools.islice(names, most + 1)]
     return ", ".join(cut_names[:most] + ["…"] * (len(cut_names) > most))
 
 
@@ -47,7 +47,7 @@ def unknown_name(what: str, value: object, accepted: Iterable[object]) -> InputE
     """Build the error for a name that is not in a list, with the closest match if there is one."""
     names = sorted(map(str, accepted))
     text = value if isinstance(value, str) else shown(value, _NAME)
-    text = _cut(text, _NAME)
+    text = _truncate(text, _NAME)
     short = (name for name in names if len(name) <= _NAME)
     close = difflib.get_close_matches(text, itertools.islice(short, _MOST_NAMES), n=1)
     if _OTHER_WORDS.get(text) in names:
@@ -56,7 +56,7 @@ def unknown_name(what: str, value: object, accepted: Iterable[object]) -> InputE
     return InputError(f"unknown {what} '{text}'{hint}; accepted: {shown_names(names)}")
 
 
-def _cut(text: str, limit: int) -> str:
+def _truncate(text: str, limit: int) -> str:
     return text if len(text) <= limit else f"{text[: limit - 1]}…"
 
 

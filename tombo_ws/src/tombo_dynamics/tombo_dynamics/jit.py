@@ -276,9 +276,8 @@ def compiled(
         function: the decorated one.
         inline: into every caller; False: it is called, for what does not run in every tick.
             Inlining costs compile time, and saves what passing arrays costs: a few nanoseconds a
-            call. A loop over many records is called too: for a record in a row of an array, LLVM
-            would compute and store the address of each field, which costs an eighth of a flight's
-            time.
+            call. A loop over many records is called too. For a record in a row of an array, LLVM
+            would compute and store the address of each field: an eighth of a flight's time.
         counted: references to arrays are counted; False: in a tick's loop over many arrays that
             would be a fifth of a flight's time. Such a function cannot allocate an array.
 

@@ -2,9 +2,9 @@
 
     python -I -S launcher.py SUPERVISOR_PID GUARD_FD COMMAND [ARGUMENT ...]
 
-Run as a file, in a session of its own: it tells the guard its process group, asks the kernel for
-SIGINT at the supervisor's death, and turns into COMMAND. It imports the standard library alone, so
-a node starts at once.
+Run as a file, in a session of its own, it writes its process group to the guard, asks the kernel
+for SIGINT at the supervisor's death, and executes COMMAND. It imports the standard library alone,
+so a node starts at once.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ def end_with_parent(parent: int, signal_number: int) -> bool:
 
     Args:
         parent: its process id.
-        signal_number: what this process then gets.
+        signal_number: the signal that this process then receives.
     """
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal_number, 0, 0, 0)
     return os.getppid() == parent
 
 
 def main(arguments: list[str]) -> None:
-    """Register, arrange, become."""
+    """Register at the guard, request the signal, and execute the command."""
     supervisor, guard, command = int(arguments[0]), int(arguments[1]), arguments[2:]
     with contextlib.suppress(OSError):  # no guard any more: the kernel's arrangement is enough
         os.write(guard, f"{os.getpid()}\n".encode())

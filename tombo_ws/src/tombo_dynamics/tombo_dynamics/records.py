@@ -59,7 +59,7 @@ def field(unit: str, doc: str, shape: int | tuple[int, ...] = (), kind: Any = fl
 
     Args:
         unit: SI unit as text ("1" for none; "" for a record, which has its own).
-        doc: what it is; vectors also say their frame.
+        doc: its meaning; of vectors with their frame.
         shape: length, or shape, of an array; empty: one element.
         kind: see `RecordField`.
     """

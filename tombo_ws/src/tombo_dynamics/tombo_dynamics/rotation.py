@@ -218,13 +218,13 @@ def upright(q: Array) -> float:
 @compiled
 def rotated(q: Array, v: AnyVector) -> Vector:
     """Return a vector turned by the quaternion `q` (4) xyzw."""
-    return _turned(q, q[3], v)
+    return _rotate(q, q[3], v)
 
 
 @compiled
 def rotated_back(q: Array, v: AnyVector) -> Vector:
     """Return a vector turned by the inverse of the quaternion `q` (4) xyzw."""
-    return _turned(q, -q[3], v)
+    return _rotate(q, -q[3], v)
 
 
 @compiled
@@ -237,7 +237,7 @@ def rotated_back_rows(q: Array, vectors: Array) -> Array:
 
 
 @compiled
-def _turned(axis: Array, w: float, v: AnyVector) -> Vector:
+def _rotate(axis: Array, w: float, v: AnyVector) -> Vector:
     """Return a vector turned by the quaternion of a vector part and the scalar part `w`."""
     x, y, z = axis[0], axis[1], axis[2]
     tx, ty, tz = scale(2.0, cross(axis, v))

@@ -61,14 +61,14 @@ def read_text(path: Path, what: str, accepted: str = "YAML", largest: int = LARG
             f"{what} can't be read: {error.strerror}; accepted: {accepted}"
         ) from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{what} is no text (UTF-8); accepted: {accepted}") from error
+        raise InputError(f"{what} is not text (UTF-8); accepted: {accepted}") from error
 
 
 def parse_yaml(text: str, what: str, *, as_text: bool = False) -> Any:
-    """Return what YAML says.
+    """Return the value of a YAML document.
 
     Args:
-        text: the YAML, of one document.
+        text: the document.
         what: names it in an error.
         as_text: leave numbers as they are written.
 
@@ -106,10 +106,10 @@ def _reason(error: Any) -> tuple[str, str]:
 
 
 def _check_size(text: str) -> None:
-    """Bound depth and number of values, aliases written out, while nothing is built yet.
+    """Check depth and number of values, aliases expanded, before anything is built.
 
     Raises:
-        yaml.YAMLError: beyond a bound, an alias of what it stands in, or no YAML.
+        yaml.YAMLError: beyond a bound, an alias that contains itself, or invalid YAML.
     """
     values = 0
     extent: dict[str | None, int] = {}
@@ -138,10 +138,10 @@ def _check_size(text: str) -> None:
 
 
 def _check_nodes(root: Any) -> None:
-    """Refuse keys that stand twice in a mapping, and numbers beyond a float.
+    """Refuse keys that occur twice in a mapping, and numbers beyond a float.
 
     Raises:
-        yaml.MarkedYAMLError: a key is there twice, or a number is too long.
+        yaml.MarkedYAMLError: a key occurs twice, or a number is too long.
     """
     left, seen = [root], set()
     while left:

@@ -15,7 +15,7 @@ from tombo_dynamics.records import Record, field
 from tombo_dynamics.vehicle import AIR_DENSITY
 
 MOST_OTHERS = 8
-"""Vehicles beside this one, at most."""
+"""Largest number of other vehicles."""
 _DECAY = 6.06
 """Of the speed on the axis of a round turbulent jet (Panchapakesan and Lumley 1993)."""
 _SPREAD = 0.096

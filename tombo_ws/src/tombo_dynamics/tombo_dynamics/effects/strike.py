@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.body_point import FAR, disc_to_obstacle, hub
+from tombo_dynamics.body_point import NO_INTERSECTION, disc_to_obstacle, hub
 from tombo_dynamics.effects.registry import Param, Stage, effect
 from tombo_dynamics.jit import compiled
 from tombo_dynamics.plant import Plant
@@ -132,7 +132,7 @@ def blade_strike(
             tip = tip_radius(plant, i)
             if distance < tip + plant.obstacle.radius and plant.rotor_speed[i] > _TURNING:
                 state.folding[i] = 1
-            if state.folding[i] == 1 and distance < FAR:
+            if state.folding[i] == 1 and distance < NO_INTERSECTION:
                 force = peak_force * (1.0 - plant.fold[i])
                 push_rim(plant, i, force, slant, min(distance, tip), ex, ey)
         if state.folding[i] == 1:

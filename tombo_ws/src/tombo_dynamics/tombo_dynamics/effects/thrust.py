@@ -97,11 +97,11 @@ def translational_lift(plant: Plant, noise: Array, k: float) -> None:
 
 
 class RotorAngles(Record):
-    """Where the heavy blades are."""
+    """Angles of the heavy blades."""
 
     angle = field("rad", "of each rotor from body x, at the start of the tick", 4)
-    turned = field("rad", "of each rotor in this tick", 4)
-    next_tick = field("1", "the tick after the one that `turned` is of", kind=int)
+    angle_step = field("rad", "of each rotor in this tick", 4)
+    next_tick = field("1", "the tick after that of `angle_step`", kind=int)
 
 
 @effect(
@@ -141,9 +141,9 @@ def propeller_unbalance(
     for i in range(4):
         speed = plant.rotor_speed[i]
         if fresh:
-            state.angle[i] = (state.angle[i] + state.turned[i]) % (2.0 * math.pi)
-            state.turned[i] = SPIN[i] * speed * plant.tick_length
-        half = 0.5 * state.turned[i]
+            state.angle[i] = (state.angle[i] + state.angle_step[i]) % (2.0 * math.pi)
+            state.angle_step[i] = SPIN[i] * speed * plant.tick_length
+        half = 0.5 * state.angle_step[i]
         mean = math.sin(half) / half if abs(half) > 1e-6 else 1.0
         force = sizes[i] * speed * speed * mean
         angle = state.angle[i] + half

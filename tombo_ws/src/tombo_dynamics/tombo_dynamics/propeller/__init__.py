@@ -3,7 +3,7 @@
     >>> from tombo_dynamics.propeller import RPM, evaluate
     >>> evaluate(13, 2000 * RPM).thrust_N                         # 0.613 N
 
-`docs/propeller.md` has the equations, their sources, and what measurement says against them.
+`docs/propeller.md` has the equations, their sources, and their comparison with measurements.
 """
 
 from tombo_dynamics.errors import InputError

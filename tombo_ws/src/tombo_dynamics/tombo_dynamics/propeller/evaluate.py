@@ -184,8 +184,8 @@ def valid_speed(
 ) -> float:
     """Return the highest speed [rad/s] up to which a law is valid for a configuration.
 
-    At most SPEED_LIMIT; below it, where the twist takes the tip below the lowest angle of attack
-    at which the section coefficients were measured, to 1e-9 of the speed.
+    SPEED_LIMIT, or the speed at which the twist takes the tip below the lowest measured angle of
+    attack of the section coefficients, if that is lower. It is accurate to 1e-9 of its value.
 
     Raises:
         InputError: unknown law or configuration.

@@ -211,17 +211,16 @@ def mounted_configuration(choice: PropellerChoice) -> Configuration:
     known = library_of(choice).configurations
     if choice.conf not in known:
         raise InputError(
-            f"propeller.conf: there is no configuration {choice.conf}; accepted: "
-            f"{shown_names(known)}"
+            f"propeller.conf: unknown configuration {choice.conf}; accepted: {shown_names(known)}"
         )
     return known[choice.conf]
 
 
 def check_choice(choice: PropellerChoice) -> None:
-    """Refuse a choice that is half of one propeller and half of another.
+    """Refuse a choice that mixes settings of two kinds of propellers.
 
     Raises:
-        InputError: names what contradicts what.
+        InputError: names the two settings that contradict each other.
     """
     if choice.on_impact not in ("", *IMPACTS):
         raise unknown_name("propeller.on_impact", choice.on_impact, IMPACTS)
@@ -238,7 +237,7 @@ def check_choice(choice: PropellerChoice) -> None:
         raise InputError("propeller.curve and propeller.k_thrust: accepted: one of them")
     if choice.curve is None and choice.k_torque <= 0.0:
         raise InputError(
-            "propeller.k_torque: missing beside k_thrust; accepted: a number above 0 "
+            "propeller.k_torque: missing next to k_thrust; accepted: a number above 0 "
             "[N m s^2/rad^2] (a sixtieth of k_thrust times 1 m is common)"
         )
     if choice.on_impact == "folds" and mounted_configuration(choice).rigid:

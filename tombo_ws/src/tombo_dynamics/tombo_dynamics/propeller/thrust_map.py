@@ -60,11 +60,11 @@ def peak_of_rows(
 
     Args:
         rows: of the propellers.
-        law: that they were made for.
-        highest: speed up to which it is looked for [rad/s].
+        law: the law that the rows were made for.
+        highest: upper limit of the search [rad/s].
 
     Returns:
-        speed (n) [rad/s], where there is no maximum the end of the rise; whether it is a maximum;
+        speed (n) [rad/s], without a maximum that at the end of the rise; whether it is a maximum;
         and whether the law is valid beyond.
     """
     parts = [

@@ -1,4 +1,4 @@
-"""Errors of a thrust-stand run, each as one function; and what the stand then reads."""
+"""Errors of a thrust-stand run, each as one function, and the predicted readings."""
 
 # The registry keeps this order: effects on the rotor, then on the readings of the stand.
 from tombo_dynamics.propeller.effects import rotor, readings  # isort: skip

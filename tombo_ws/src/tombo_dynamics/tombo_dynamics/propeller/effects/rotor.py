@@ -149,7 +149,7 @@ def run_scatter(m: StandRun, thrust: float, torque: float) -> None:
     m.torque *= 1.0 + torque * m.share_draws[:, 1]
 
 
-def turned(weights: Array, rate: float, angle: Array) -> Array:
+def shift_twist(weights: Array, rate: float, angle: Array) -> Array:
     """Return a wing's weights (N, 6) with the twist counted from `angle` (N,) [rad].
 
     The closed form of `wing` is closed under shifts of the twist.
@@ -176,7 +176,7 @@ def turn_inflow(m: StandRun, thrust: Array, tip: float, radius: float) -> Array:
     velocity = m.inflow * np.sqrt(np.maximum(thrust, 0.0) / (2.0 * density * area))
     angle = np.arctan2(velocity, np.maximum(m.speed, 1e-9) * radius)
     for part, rate in ((LIFT, "lift_rate"), (DRAG, "drag_rate"), (TORQUE, "drag_rate")):
-        m.rows[:, part] = turned(m.rows[:, part], float(m.rows[0, SCALARS[rate]]), angle)
+        m.rows[:, part] = shift_twist(m.rows[:, part], float(m.rows[0, SCALARS[rate]]), angle)
     return np.asarray(velocity)
 
 

@@ -11,7 +11,7 @@ integrate the loads from there. Its defects, each of which changes the result:
 - drag of the nodus' outer 5 mm left out, its thrust counted twice;
 - four passes, not convergence.
 
-The program computes no torque. Here it is the same drag times its radius.
+The program computes no torque. This module integrates the same drag times its radius.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _wing(p: Parameters, start: float, gamma: float) -> tuple[float, float, floa
 
 
 @compiled
-def _turned(p: Parameters, x: float, alpha: float, beta: float, gamma: float) -> float:
+def _rotate_end(p: Parameters, x: float, alpha: float, beta: float, gamma: float) -> float:
     """Return the first component of Rz(alpha) Ry(beta) Rx(gamma) ([x, 0, 0] - S) + S [m]."""
     s0, s1, s2 = p.shape[0], p.shape[1], p.shape[2]
     sa, ca = math.sin(alpha), math.cos(alpha)
@@ -123,7 +123,7 @@ def published_point(
             (up - pull * math.tan(beta - p.flap_offset)) * p.lift_arm
             + (q * drag + pull * math.tan(alpha)) * p.drag_arm
         )
-        end = _turned(p, end, alpha, beta, gamma)
+        end = _rotate_end(p, end, alpha, beta, gamma)
         c = math.cos(alpha) * math.cos(beta)
         thrust, drag, torque = _wing(p, end, gamma)
         thrust, drag, torque = c * thrust, c * drag, c * torque
