@@ -100,7 +100,7 @@ class Px4SimNode(VehicleNode):
         self.offer_hand(self.vehicle.hand)
         self.attach_simulator(self.vehicle.simulator)
         links = [(link, kind) for kind, link in self._links.items()]
-        self._endpoint = Endpoint(self.vehicle, links)
+        self._endpoint = Endpoint(self.vehicle, links, self._log)
         self._began_ns: int | None = None
         """Time of tick 0."""
         self._slipped = 0
@@ -142,17 +142,14 @@ class Px4SimNode(VehicleNode):
             self._endpoint.advance((self.vehicle.tick + 1) * TICK_NS, time.time_ns())
             if seen:
                 self.publish_tick(self._began_ns)
-        self._log_status_texts()
 
-    def _log_status_texts(self) -> None:
-        """Put the autopilot's texts into the log."""
+    def _log(self, severity: int, text: str) -> None:
+        """Put a text of the autopilot into the log."""
         logger = self.ros.get_logger()
-        for severity, text in self._endpoint.sent_texts:
-            if severity <= Severity.WARNING:  # rclpy: one severity for each line of code
-                logger.warning(f"PX4 says: {text}")
-            else:
-                logger.info(f"PX4 says: {text}")
-        self._endpoint.sent_texts.clear()
+        if severity <= Severity.WARNING:  # rclpy: one severity for each line of code
+            logger.warning(f"PX4 says: {text}")
+        else:
+            logger.info(f"PX4 says: {text}")
 
     def report(self, now_ns: int) -> None:
         """Add the state of autopilot and links."""

@@ -87,7 +87,8 @@ class Bench:
             self.links.append(link)
             links.append((link, stream_set))
         self.client = self.clients[0]
-        self.endpoint = Endpoint(self.vehicle, links)
+        self.said: list[str] = []
+        self.endpoint = Endpoint(self.vehicle, links, lambda _, text: self.said.append(text))
         for port in self.endpoint.channels:
             port.hear_station(0)
         self.boot_ns = 0

@@ -49,8 +49,6 @@ PIECE = 50
 """Bytes of text that a STATUSTEXT message carries."""
 _MOST_PIECES = 6
 """Messages that a text is split into at most; the rest of it is cut off."""
-_MOST_UNREAD = 256
-"""Sent texts that are kept for the reader; further ones are not."""
 _SHORTEST_US = 4_000
 """Shortest interval of a message, as fast as PX4 publishes its state: 250 Hz."""
 _STAGGER_US = 1_000
@@ -159,20 +157,25 @@ class RoutedMessage(NamedTuple):
 class Endpoint:
     """Serves all links of one vehicle. Each message is answered, refused or counted."""
 
-    def __init__(self, vehicle: Px4Vehicle, links: Sequence[tuple[Link, str]]) -> None:
+    def __init__(
+        self,
+        vehicle: Px4Vehicle,
+        links: Sequence[tuple[Link, str]],
+        tell: Callable[[int, str], object] = lambda severity, text: None,
+    ) -> None:
         """Serve links, each with the set of streams it carries by default.
 
         Args:
             vehicle: at its present tick.
             links: with `onboard` or `ground`.
+            tell: called with severity and text of all texts.
         """
         self.vehicle = vehicle
         self.origin = GeoOrigin()
         self.channels = [MavlinkChannel(link, streams, vehicle.boot_us) for link, streams in links]
         self.refused: Counter[str] = Counter()
         """How often something was refused, by reason."""
-        self.sent_texts: list[tuple[int, str]] = []
-        """Severity and text of all sent texts; the reader empties the list."""
+        self._tell = tell
         self._texts = -1
         """Number of the last text. PX4 counts from 0."""
         self._switch_on: bool | None = None
@@ -220,8 +223,7 @@ class Endpoint:
 
         Other characters than ASCII become `?`.
         """
-        if len(self.sent_texts) < _MOST_UNREAD:
-            self.sent_texts.append((severity, text))
+        self._tell(severity, text)
         self._texts = (self._texts + 1) % 65536
         data = text.encode("ascii", "replace")[: _MOST_PIECES * PIECE]
         # like PX4's, a text that fills its last piece has no other one that would end it
@@ -401,11 +403,7 @@ _PAUSE_S = 0.002
 
 
 def serve(
-    endpoint: Endpoint,
-    monotonic_ns: Clock,
-    wall_ns: Clock,
-    stop: Callable[[], bool],
-    redraw: Callable[[int, int], None] = lambda boot_ns, slipped_ns: None,
+    endpoint: Endpoint, monotonic_ns: Clock, wall_ns: Clock, stop: Callable[[], bool]
 ) -> int:
     """Serve in real time until `stop` says so; on a machine that is too slow, time is delayed.
 
@@ -414,7 +412,6 @@ def serve(
         monotonic_ns: paces the vehicle: a clock that never jumps.
         wall_ns: CLOCK_REALTIME, which stamps arrivals.
         stop: asked a few hundred times a second.
-        redraw: called after each round with the time since boot and the delay [ns].
 
     Returns:
         the sum of all delays [ns].
@@ -429,7 +426,6 @@ def serve(
             slipped_ns += behind_ns
             text = "the machine is too slow: simulated time stands still meanwhile"
             endpoint.say(Severity.WARNING, text)
-        redraw(boot_ns, slipped_ns)
         if behind_ns < TICK_NS:
             select.select([c.link.fileno() for c in endpoint.channels], (), (), _PAUSE_S)
     return slipped_ns

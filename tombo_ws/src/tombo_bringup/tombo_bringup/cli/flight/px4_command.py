@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import time
 from collections.abc import Iterator
@@ -75,6 +76,9 @@ def px4(
     from tombo_px4.autopilot.parameters import ParameterTable
     from tombo_px4.protocol.endpoint import Endpoint
 
+    def tell(_: int, text: str) -> None:
+        print(f"{vehicle.boot_us * 1e-6:8.2f} s  {printable(text)}", flush=True)
+
     if given.write_params is not None:
         _write_parameters(given.write_params)
         return
@@ -83,7 +87,7 @@ def px4(
     with ExitStack() as stack:
         links = _open_links(given, table, stack)
         vehicle = _vehicle(chosen, draw.seed or 0, table)
-        _serve(Endpoint(vehicle, links), duration.duration, _where_to_connect(given))
+        _serve(Endpoint(vehicle, links, tell), duration.duration, _where_to_connect(given))
 
 
 def _write_parameters(path: Path) -> None:
@@ -151,20 +155,14 @@ def _serve(endpoint: Endpoint, duration_s: float | None, lines: list[str]) -> No
     from tombo_flight.process.stop_signals import StopSignals
     from tombo_px4.protocol.endpoint import serve
 
-    limit_ns = None if duration_s is None else round(1e9 * duration_s)
-    over = False
     with StopSignals(signal.SIGHUP) as stop:
         print("\n".join(lines), flush=True)
-
-        def on_step(boot_ns: int, slipped_ns: int) -> None:
-            nonlocal over
-            for _, text in endpoint.sent_texts:
-                print(f"{boot_ns * 1e-9:8.2f} s  {printable(text)}", flush=True)
-            endpoint.sent_texts.clear()
-            over = limit_ns is not None and boot_ns + slipped_ns >= limit_ns
-
+        end_s = time.monotonic() + (math.inf if duration_s is None else duration_s)
         slipped_ns = serve(
-            endpoint, time.monotonic_ns, time.time_ns, lambda: over or stop.requested(), on_step
+            endpoint,
+            time.monotonic_ns,
+            time.time_ns,
+            lambda: stop.requested() or time.monotonic() >= end_s,
         )
     print("\n".join(_end_lines(endpoint, slipped_ns)), flush=True)
 
