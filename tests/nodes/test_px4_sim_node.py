@@ -13,8 +13,9 @@ pytest.importorskip("rclpy")
 
 from tombo_bag.topics import IMU, MARKERS, MOCAP_POSE, ROTOR_COMMAND, TRUE_ODOMETRY
 from tombo_flight.suite.px4_connection import free_udp_port
+from tombo_px4.bridge.session import VehicleCommand
 from tombo_px4.link.mavlink_link import Link
-from tombo_px4.link.messages import MessageTarget, arm, read_parameter
+from tombo_px4.link.messages import MessageTarget, read_parameter
 from tombo_ros.conversion import array, to_ns
 
 NODE = "tombo_px4.px4_sim_node"
@@ -90,7 +91,7 @@ def test_mavlink_on_one_side_and_mocap_on_the_other(world, start, link):
     link.send(read_parameter(VEHICLE, "EKF2_GPS_CTRL"))
     value = wait_for(link, "PARAM_VALUE", lambda m: m.param_id == "EKF2_GPS_CTRL")
     assert np.float32(value.message.param_value).view(np.int32) == 0
-    link.send(arm(VEHICLE, armed=True))
+    link.send(VehicleCommand(armed=True).message(VEHICLE))
     answer = wait_for(link, "COMMAND_ACK", lambda m: m.command == _ARM)
     assert answer.message.result == _DENIED
     node.wait_for_words("PX4 says: Arming denied")

@@ -34,6 +34,7 @@ from tombo_px4.modes import (
     AUTO_HOLD,
     AUTO_LAND,
     AUTO_TAKEOFF,
+    FORCE_ARMING,
     OFFBOARD,
     MavLandedState,
     Mode,
@@ -64,10 +65,13 @@ class VehicleCommand:
         return int(mav.MAV_CMD_DO_SET_MODE if by_mode else mav.MAV_CMD_COMPONENT_ARM_DISARM)
 
     def message(self, target: MessageTarget) -> Any:
-        """Return it as a MAVLink message."""
+        """Return it as a MAVLink message; a mode is acknowledged twice."""
         if self.mode is not None:
-            return messages.set_mode(target, self.mode)
-        return messages.arm(target, bool(self.armed), self.force)
+            custom = float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+            values = [custom, float(self.mode.main), float(self.mode.sub)]
+        else:
+            values = [float(bool(self.armed)), FORCE_ARMING if self.force else 0.0]
+        return messages.command(target, self.command, *values)
 
     def confirmed_by(self, heartbeat: Heartbeat) -> bool:
         """Return whether the heartbeat shows the commanded state."""

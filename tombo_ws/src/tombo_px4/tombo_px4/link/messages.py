@@ -34,7 +34,7 @@ from tombo_px4.frames import (
 )
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.link.timesync import TimeSync
-from tombo_px4.modes import FORCE_ARMING, MavLandedState, Mode, mode_of
+from tombo_px4.modes import MavLandedState, Mode, mode_of
 
 POSITION_MASK = mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 """Position, velocity, acceleration and yaw count; the rate of yaw doesn't."""
@@ -45,7 +45,6 @@ ATTITUDE_MASK = (
 )
 _TRACKED = 100
 """ODOMETRY.quality of a valid pose, in percent."""
-_CUSTOM_MODE = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _UNKNOWN = [math.nan] + 20 * [0.0]
 """A covariance of which nothing is known: NaN in front (MAVLink common)."""
 _MICRO, _MILLI = 1_000, 1_000_000
@@ -121,19 +120,6 @@ def command(to: MessageTarget, number: int, *values: float) -> Any:
     """Return COMMAND_LONG with up to seven values, the rest 0."""
     padded = [*values, *((7 - len(values)) * [0.0])]
     return mav.MAVLink_command_long_message(*to, number, 0, *padded)
-
-
-def set_mode(to: MessageTarget, mode: Mode) -> Any:
-    """Ask for a mode. Acknowledged twice; only HEARTBEAT confirms it."""
-    values = (float(_CUSTOM_MODE), float(mode.main), float(mode.sub))
-    return command(to, mav.MAV_CMD_DO_SET_MODE, *values)
-
-
-def arm(to: MessageTarget, armed: bool, force: bool = False) -> Any:
-    """Ask to arm or disarm; by force only where asked for: that disarms in the air, too."""
-    return command(
-        to, mav.MAV_CMD_COMPONENT_ARM_DISARM, float(armed), FORCE_ARMING if force else 0.0
-    )
 
 
 def request_message(to: MessageTarget, number: int) -> Any:

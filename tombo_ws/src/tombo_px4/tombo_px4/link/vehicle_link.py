@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_px4.bridge.bridge_params import LinkParams
 from tombo_px4.link import messages
-from tombo_px4.link.mavlink_link import Link
+from tombo_px4.link.mavlink_link import Link, closed_on_error
 from tombo_px4.link.messages import MessageTarget, decode_parameter
 from tombo_px4.modes import Result
 
@@ -42,7 +42,7 @@ def open_link(params: LinkParams, key: bytes | None, clock: Callable[[], int]) -
 
 
 class VehicleLink:
-    """A link to the vehicle that a bridge with these parameters flies; use as a context manager.
+    """An open link to the vehicle that a bridge with these parameters flies; a context manager.
 
     Args:
         params: of the link.
@@ -64,19 +64,14 @@ class VehicleLink:
         patience_s: float = PATIENCE_S,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._params, self._key, self._clock = params, key, clock
-        self._patience_s, self._stop = patience_s, stop
+        self._clock, self._stop = clock, stop
         self._target = MessageTarget(params.system, params.component)
         self._spoken_s = -math.inf
+        self.link = open_link(params, key, clock)
+        with closed_on_error(self.link):  # a listener knows its peer with the first message
+            self.heartbeat = self.wait("HEARTBEAT", patience_s)
 
-    def __enter__(self) -> VehicleLink:
-        """Open the link, and wait for the vehicle."""
-        self.link = open_link(self._params, self._key, self._clock)
-        try:  # a listener knows its peer with the first message
-            self.heartbeat = self.wait("HEARTBEAT", self._patience_s)
-        except BaseException:
-            self.link.close()
-            raise
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
