@@ -128,7 +128,7 @@ class Started:
     name: str
     files: list[Path]
     parameters: dict[str, Any]
-    words: list[str]
+    command: list[str]
 
 
 def install(monkeypatch: Any) -> None:
@@ -171,8 +171,8 @@ def launch(file: str, **given: str) -> list[Started]:
         elif isinstance(entity, Node):
             started.append(as_started(entity, context))
         else:
-            words = [text(word, context) for word in entity.cmd]
-            started.append(Started("", "", "", [], {}, words))
+            command = [text(word, context) for word in entity.cmd]
+            started.append(Started("", "", "", [], {}, command))
     return started
 
 

@@ -34,7 +34,7 @@ def entry_points(package: str) -> dict[str, str]:
     return dict(line.replace(" ", "").split("=") for line in lines if line)
 
 
-def one(started: list, name: str) -> bench.Started:
+def node_of(started: list, name: str) -> bench.Started:
     (found,) = (node for node in started if node.name == name)
     return found
 
@@ -69,7 +69,7 @@ def test_the_suite_is_every_node_once():
     ],
 )
 def test_only_a_simulated_vehicle_takes_off_by_itself(file: str, arguments: dict, starts: bool):
-    mission = one(bench.launch(file, **arguments), "/mission")
+    mission = node_of(bench.launch(file, **arguments), "/mission")
     assert mission.parameters["auto_start"] is starts
 
 
@@ -84,20 +84,20 @@ def test_over_mavlink_px4_stands_for_estimator_and_controller():
     (bridge,) = (node for node in without if node.executable == "px4_bridge_node")
     assert bridge.parameters["link.url"] == "serial:///dev/ttyACM0:57600"
     assert "px4.axes_evidence" not in bridge.parameters, "a real vehicle's axes are to be proven"
-    model = one(started, "/px4_bridge")
+    model = node_of(started, "/px4_bridge")
     assert model.parameters["px4.axes_evidence"] == "simulated"
 
 
 def test_a_real_px4_gets_its_vehicle_from_the_simulator_link():
     started = bench.launch("px4.launch.py", sim="false", hil="true")
-    sim = one(started, "/sim")
+    sim = node_of(started, "/sim")
     assert (sim.package, sim.executable) == ("tombo_px4", "hil_sim_node")
 
 
 @pytest.mark.parametrize("file", ["collision.launch.py", "suite.launch.py", "px4.launch.py"])
 def test_a_reaction_by_name_wins_over_the_file_of_parameters(file: str):
-    assert "reaction" not in one(bench.launch(file), "/reaction").parameters
-    named = one(bench.launch(file, reaction="none"), "/reaction")
+    assert "reaction" not in node_of(bench.launch(file), "/reaction").parameters
+    named = node_of(bench.launch(file, reaction="none"), "/reaction")
     assert named.parameters["reaction"] == "none"
 
 
@@ -108,7 +108,7 @@ def test_a_tool_comes_when_asked_for(tool: str):
     (added,) = (node for node in more if node not in plain)
     assert added.package == {"rviz": "rviz2", "foxglove": "foxglove_bridge"}[tool]
     assert added.parameters["use_sim_time"] == "true"
-    for word in added.words:
+    for word in added.command:
         assert not word.startswith("/") or Path(word).is_file()
 
 
@@ -127,7 +127,7 @@ def test_common_arguments_reach_every_node(file: str, tmp_path: Path):
     for node in started:
         assert node.name.startswith("uav1/")
         assert node.parameters["use_sim_time"] is True
-        assert node.words == ["--log-level", "debug"]
+        assert node.command == ["--log-level", "debug"]
         assert node.files == [mine]
 
 
@@ -148,4 +148,4 @@ def test_the_page_names_every_argument(page: str, file: str, of_another_page: tu
 )
 def test_a_command_is_run_with_its_arguments(file: str, words: str):
     (process,) = bench.launch(f"{file}.launch.py", scenario="hover", seed="3")
-    assert " ".join(process.words).startswith(f"lib/tombo_bringup/tombo {words} -o runs/")
+    assert " ".join(process.command).startswith(f"lib/tombo_bringup/tombo {words} -o runs/")

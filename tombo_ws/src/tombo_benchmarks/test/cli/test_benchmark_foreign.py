@@ -13,7 +13,7 @@ from tombo_benchmarks.diagnosis.foreign_flights import aggregate, answer_of, cas
 MASS = {"mass_error.fraction": 0.1}
 
 
-def found(verdict, *causes, members=()):
+def diagnosed(verdict, *causes, members=()):
     """A diagnosis that has fitted each cause's `fraction` from 0.08 to 0.11."""
     theta = (SimpleNamespace(name="fraction", value=0.1, low=0.08, high=0.11),)
     return SimpleNamespace(
@@ -25,14 +25,14 @@ def found(verdict, *causes, members=()):
 @pytest.mark.parametrize(
     ("diagnosis", "hidden", "answer"),
     [
-        (found("named", "mass_error"), {"mass_error"}, "right"),
-        (found("named", "mass_error"), set(), "wrong"),
-        (found("named", "gusts"), {"mass_error"}, "wrong"),
-        (found("set", "gusts", members=("gusts", "mass_error")), {"mass_error"}, "in a set"),
-        (found("partly_explained", "mass_error", "gusts"), {"mass_error"}, "in a set"),
-        (found("none"), set(), "right"),
-        (found("none"), {"mass_error"}, "withheld"),
-        (found("unknown"), set(), "withheld"),
+        (diagnosed("named", "mass_error"), {"mass_error"}, "right"),
+        (diagnosed("named", "mass_error"), set(), "wrong"),
+        (diagnosed("named", "gusts"), {"mass_error"}, "wrong"),
+        (diagnosed("set", "gusts", members=("gusts", "mass_error")), {"mass_error"}, "in a set"),
+        (diagnosed("partly_explained", "mass_error", "gusts"), {"mass_error"}, "in a set"),
+        (diagnosed("none"), set(), "right"),
+        (diagnosed("none"), {"mass_error"}, "withheld"),
+        (diagnosed("unknown"), set(), "withheld"),
     ],
 )
 def test_answers(diagnosis, hidden, answer):
@@ -52,7 +52,7 @@ def cases(tmp_path):
 def test_each_condition_is_scored_and_intervals_are_held_against_the_truth(cases, monkeypatch):
     for name in ("read_logs", "read_vehicle", "held_against", "nominal_model"):
         monkeypatch.setattr(foreign_flights, name, lambda *args, **more: None)
-    named = found("named", "mass_error")
+    named = diagnosed("named", "mass_error")
     monkeypatch.setattr(foreign_flights, "diagnose_unchecked", lambda *args: [named])
     said = aggregate([examine(cases_in(cases), 0, number) for number in (0, 1)])
     assert (said["cases"], said["right"], said["wrong"], said["coverage_95"]) == (2, 1, 1, 1.0)

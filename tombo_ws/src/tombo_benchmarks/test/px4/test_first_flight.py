@@ -11,16 +11,16 @@ import pytest
 
 from tombo_bringup.first_flight.checks import (
     Session,
-    battery_lack,
     blockers_of,
     check_axes,
-    clock_lack,
     fall_of,
-    fence_lack,
-    kill_lack,
+    find_battery_fault,
+    find_clock_fault,
+    find_fence_faults,
+    find_kill_fault,
+    find_rotor_fault,
     parameter_differences,
     parameters_of,
-    rotor_lack,
 )
 from tombo_bringup.first_flight.runner import Answers, do_steps, steps_to_do
 from tombo_bringup.first_flight.steps import STEPS, Step
@@ -30,23 +30,23 @@ from tombo_dynamics.errors import InputError
 from tombo_px4.bridge.vehicle_parameters import parameter_file
 
 LIMITS = {"BAT_LOW_THR": 0.2, "BAT_CRIT_THR": 0.1, "BAT_EMERGEN_THR": 0.05, "COM_LOW_BAT_ACT": 2}
-TURNED = ["front_right ccw", "rear_left ccw", "front_left cw", "rear_right cw"]
+ROTORS = ["front_right ccw", "rear_left ccw", "front_left cw", "rear_right cw"]
 FENCE = {"GF_ACTION": 5, "GF_MAX_HOR_DIST": 4.0, "GF_MAX_VER_DIST": 3.0}
 NET = FlightVolume(x_min=-2.0, x_max=2.0, y_min=-1.5, y_max=1.5, z_max=2.5)
 CHRONY = "C0A80101,192.168.1.1,3,0,{},0,0,0,0,0,0,0,0,{}"
 
 
 def test_rotors_in_another_order_or_turning_the_other_way_are_named():
-    assert rotor_lack(TURNED) == ""
-    assert "motor 1" in rotor_lack(["front_left cw"])
-    assert "motor 3" in rotor_lack([*TURNED[:2], "front_left ccw"])
+    assert find_rotor_fault(ROTORS) == ""
+    assert "motor 1" in find_rotor_fault(["front_left cw"])
+    assert "motor 3" in find_rotor_fault([*ROTORS[:2], "front_left ccw"])
 
 
 def test_a_low_or_unknown_battery_is_named():
-    assert battery_lack(0.9, LIMITS) == ""
-    assert "30%" in battery_lack(0.3, LIMITS)
-    assert "does not know" in battery_lack(math.nan, LIMITS)
-    assert "COM_LOW_BAT_ACT" in battery_lack(0.9, {**LIMITS, "COM_LOW_BAT_ACT": 0})
+    assert find_battery_fault(0.9, LIMITS) == ""
+    assert "30%" in find_battery_fault(0.3, LIMITS)
+    assert "does not know" in find_battery_fault(math.nan, LIMITS)
+    assert "COM_LOW_BAT_ACT" in find_battery_fault(0.9, {**LIMITS, "COM_LOW_BAT_ACT": 0})
 
 
 def test_old_parameters_are_named_against_the_written_file():
@@ -59,16 +59,16 @@ def test_old_parameters_are_named_against_the_written_file():
 
 
 def test_a_fence_must_be_around_the_volume():
-    assert fence_lack(FENCE, NET) == ""
-    assert "no volume" in fence_lack(FENCE, FlightVolume())
-    assert "GF_MAX_VER_DIST is 0" in fence_lack({**FENCE, "GF_MAX_VER_DIST": 0.0}, NET)
-    assert "GF_ACTION is 3" in fence_lack({**FENCE, "GF_ACTION": 3}, NET)
+    assert find_fence_faults(FENCE, NET) == ""
+    assert "no volume" in find_fence_faults(FENCE, FlightVolume())
+    assert "GF_MAX_VER_DIST is 0" in find_fence_faults({**FENCE, "GF_MAX_VER_DIST": 0.0}, NET)
+    assert "GF_ACTION is 3" in find_fence_faults({**FENCE, "GF_ACTION": 3}, NET)
 
 
 def test_a_clock_that_is_not_set_is_named():
-    assert clock_lack(CHRONY.format("0.0001", "Normal")) == ""
-    assert "50.0 ms off" in clock_lack(CHRONY.format("-0.05", "Normal"))
-    assert "no clock" in clock_lack(CHRONY.format("0", "Not synchronised"))
+    assert find_clock_fault(CHRONY.format("0.0001", "Normal")) == ""
+    assert "50.0 ms off" in find_clock_fault(CHRONY.format("-0.05", "Normal"))
+    assert "no clock" in find_clock_fault(CHRONY.format("0", "Not synchronised"))
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_a_kill_counts_in_the_air_alone_and_where_the_vehicle_falls(killed_s, fa
     t = np.arange(0.0, 5.0, 0.01)
     climb = np.minimum(0.1 * t, 0.12)
     fall = 0.5 * 9.81 * np.maximum(t - falls_s, 0.0) ** 2
-    said = kill_lack(**fall_of(t, np.maximum(climb - fall, 0.0), killed_s))
+    said = find_kill_fault(**fall_of(t, np.maximum(climb - fall, 0.0), killed_s))
     assert lack in said and bool(said) == bool(lack)
 
 
@@ -99,14 +99,14 @@ def test_only_blocking_findings_stop_the_proof_of_the_axes():
 class EndedBridge(Session):
     """A session whose `tombo up` loses its bridge."""
 
-    def words(self, command: str, *more: str) -> list[str]:
+    def command_line(self, command: str, *more: str) -> list[str]:
         event = {"event": "ended", "node": "px4_bridge", "how": "exit code 1", "log": "b.log"}
         return [sys.executable, "-c", f"print({json.dumps(event)!r})"]
 
 
 def test_a_bridge_that_ends_is_named_and_not_waited_for(tmp_path):
     session = EndedBridge(tmp_path / "lab.yaml", Lab(tmp_path), tmp_path, no_answer, no_answer)
-    assert "exit code 1; its log: b.log" in check_axes(session).lack
+    assert "exit code 1; its log: b.log" in check_axes(session).failure
 
 
 def no_answer(*words: str) -> str:

@@ -11,13 +11,13 @@ import pytest
 from tombo_benchmarks.px4.lockstep_px4 import Px4Setup
 from tombo_benchmarks.px4.losses import LOSSES, Loss, fly_loss, track_figures
 
-_FLOWN = ("poses stop for 30 s", "poses of another body", "bridge stopped for 20 s")
+_FAST_LOSSES = ("poses stop for 30 s", "poses of another body", "bridge stopped for 20 s")
 """The others, and the real PX4: `make test-px4 ARGS=--losses`."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "loss", [loss for loss in LOSSES if loss.name in _FLOWN], ids=lambda loss: str(loss.name)
+    "loss", [loss for loss in LOSSES if loss.name in _FAST_LOSSES], ids=lambda loss: str(loss.name)
 )
 def test_a_loss_ends_on_the_ground(loss: Loss, tmp_path: Path):
     row = fly_loss(Px4Setup(None, tmp_path / "px4"), loss)
@@ -26,7 +26,7 @@ def test_a_loss_ends_on_the_ground(loss: Loss, tmp_path: Path):
     assert [name for _, name in row["modes"]] == ["offboard", "land", "disarmed"]
 
 
-def judged(height: np.ndarray, armed: np.ndarray) -> dict[str, Any]:
+def track_of(height: np.ndarray, armed: np.ndarray) -> dict[str, Any]:
     seconds = np.arange(len(height)) * 1e-3
     return track_figures(np.column_stack((seconds, height, np.zeros(len(height)), armed)))
 
@@ -34,12 +34,12 @@ def judged(height: np.ndarray, armed: np.ndarray) -> dict[str, Any]:
 def test_only_what_stays_on_the_ground_has_ended():
     down = np.concatenate((np.linspace(2.0, 0.0, 3000), np.zeros(3000)))
     on, off = np.ones(4500), np.zeros(1500)
-    assert judged(down, np.concatenate((on, off)))["ended"]
-    assert not judged(down, np.ones(6000))["ended"]
+    assert track_of(down, np.concatenate((on, off)))["ended"]
+    assert not track_of(down, np.ones(6000))["ended"]
     again = down.copy()
     again[5000:] = 0.3
-    assert judged(again, np.concatenate((on, off)))["again"]
+    assert track_of(again, np.concatenate((on, off)))["again"]
     armed_again = np.concatenate((on, off))
     armed_again[-100:] = 1.0
-    assert judged(down, armed_again)["again"]
-    assert judged(np.full(6000, 2.0), np.ones(6000))["down_s"] is None
+    assert track_of(down, armed_again)["again"]
+    assert track_of(np.full(6000, 2.0), np.ones(6000))["down_s"] is None

@@ -36,7 +36,7 @@ def by_hand():
     return poses, imu
 
 
-def judged(by_hand, make):
+def judge(by_hand, make):
     poses, imu = by_hand
     checklist = Checklist(BridgeParams())
     for stamp, place, attitude in poses:
@@ -48,7 +48,7 @@ def judged(by_hand, make):
 
 @pytest.mark.slow
 def test_right_axes_are_proven(by_hand):
-    verdict = judged(by_hand, lambda place, q: (place, q))
+    verdict = judge(by_hand, lambda place, q: (place, q))
     assert verdict.mistake == "" and verdict.proven
     assert abs(verdict.delay_s) < 0.02
 
@@ -56,7 +56,7 @@ def test_right_axes_are_proven(by_hand):
 @pytest.mark.slow
 def test_a_world_with_another_heading_is_proven_too(by_hand):
     turn = np.array([0.0, 0.0, np.sin(0.6), np.cos(0.6)])
-    verdict = judged(
+    verdict = judge(
         by_hand, lambda place, q: (rotate_vector(turn, place), quaternion_multiply(turn, q))
     )
     assert verdict.proven
@@ -64,7 +64,7 @@ def test_a_world_with_another_heading_is_proven_too(by_hand):
 
 @pytest.mark.slow
 def test_without_being_carried_there_is_no_proof(by_hand):
-    verdict = judged(by_hand, lambda place, q: (0.0 * place, q))
+    verdict = judge(by_hand, lambda place, q: (0.0 * place, q))
     assert verdict.mistake == "" and not verdict.proven
 
 
@@ -72,7 +72,7 @@ def test_without_being_carried_there_is_no_proof(by_hand):
 @pytest.mark.parametrize("name", WRONG_AXES)
 def test_every_wrong_set_up_is_named_by_a_motion_by_hand(by_hand, name):
     wrong = WRONG_AXES[name]
-    verdict = judged(by_hand, wrong.make)
+    verdict = judge(by_hand, wrong.make)
     assert wrong.word in verdict.mistake and not verdict.proven
     # no rotation of axes explains these: one message has both
     assert verdict.sure == (wrong.word not in ("w first", "inverse"))

@@ -46,8 +46,8 @@ _VOLUME = {"x_min": -2.0, "x_max": 2.0, "y_min": -1.5, "y_max": 1.5, "z_max": 2.
 _FENCE = {"GF_ACTION": 5, "GF_MAX_HOR_DIST": 4.0, "GF_MAX_VER_DIST": 3.0}
 _REMOTE = {"COM_RC_IN_MODE": 3, "RC_CHAN_CNT": 18, "RC_MAP_ROLL": 1, "RC_MAP_PITCH": 2,
            "RC_MAP_THROTTLE": 3, "RC_MAP_YAW": 4}  # fmt: skip
-_TURNED = ["front_right ccw", "rear_left ccw", "front_left cw", "rear_right cw"]
-_ASKED = ("mocap", "kill_switch", "axes", "propellers", "hover", "kill", "obstacle")
+_ROTORS = ["front_right ccw", "rear_left ccw", "front_left cw", "rear_right cw"]
+_CONFIRMED = ("mocap", "kill_switch", "axes", "propellers", "hover", "kill", "obstacle")
 FAULTS: Final = {
     "": "", "wrong order of rotors": "rotors", "y up": "mocap", "no kill switch": "kill_switch",
     "old parameters": "parameters", "body that does not move": "mocap", "low battery": "battery",
@@ -71,12 +71,12 @@ _LOW, _MIDDLE, _HIGH = 1000, 1500, 2000
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a rehearsal."""
+    """Result of a rehearsal."""
 
     fault: str
     stopped: str
     """Step that has failed; empty: none."""
-    said: str
+    message: str
     armed: bool
     """By a HEARTBEAT of PX4, at any time."""
 
@@ -87,11 +87,11 @@ class Outcome:
 
     @property
     def line(self) -> str:
-        """Text about it."""
+        """The result in one line."""
         state = "as wanted" if self.as_wanted else "NOT as wanted"
         armed = "armed" if self.armed else "never armed"
         fault, stopped = self.fault or "no fault", self.stopped or "–"
-        return f"{fault}: {state}, {armed}, stopped by {stopped}: {self.said}"
+        return f"{fault}: {state}, {armed}, stopped by {stopped}: {self.message}"
 
 
 class LabDriver:
@@ -195,8 +195,8 @@ def rehearse(
                    "bridge": {"link": {"system": system}}}}  # fmt: skip
     if fault == "volume missing":
         del lab["volume"]
-    turned = list(reversed(_TURNED)) if fault == "wrong order of rotors" else _TURNED
-    answers = {**dict.fromkeys(_ASKED, "yes"), "rotors": ["yes", *turned]}
+    rotors = list(reversed(_ROTORS)) if fault == "wrong order of rotors" else _ROTORS
+    answers = {**dict.fromkeys(_CONFIRMED, "yes"), "rotors": ["yes", *rotors]}
     (folder / "lab.yaml").write_text(yaml_of(lab), encoding="utf-8")
     (folder / "answers.yaml").write_text(yaml_of(answers), encoding="utf-8")
     parameters = {
@@ -265,7 +265,7 @@ def table(outcomes: Sequence[Outcome]) -> str:
     head = ("fault", "stopped by step", "message", "armed", "as wanted")
     words = {True: "yes", False: "no"}
     rows = [
-        [o.fault or "none", o.stopped or "none", o.said, words[o.armed], words[o.as_wanted]]
+        [o.fault or "none", o.stopped or "none", o.message, words[o.armed], words[o.as_wanted]]
         for o in outcomes
     ]
     return table_markdown(head, rows)

@@ -119,7 +119,7 @@ REFUSED_LATER = [
 
 
 @pytest.fixture
-def things(tmp_path, monkeypatch):
+def input_files(tmp_path, monkeypatch):
     """Files and folders that commands are asked to read or to fill; nobody answers questions."""
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     for name in ("file", "full/notes.txt", "there.yaml", "text.mcap"):
@@ -134,7 +134,7 @@ def things(tmp_path, monkeypatch):
         (tmp_path / f"{name}.mcap").symlink_to(BAGS / f"paper_collision_{number}.mcap")
 
 
-@pytest.mark.usefixtures("things")
+@pytest.mark.usefixtures("input_files")
 @pytest.mark.parametrize("case", REFUSED, ids=lambda case: case[0])
 def test_bad_input_is_one_line_and_nothing_is_written(refused, tmp_path, case):
     line, *words = case
@@ -143,7 +143,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(refused, tmp_path, case):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("things")
+@pytest.mark.usefixtures("input_files")
 @pytest.mark.parametrize(("line", "words"), [(line, words) for line, *words in REFUSED_LATER])
 def test_bad_input_of_a_model_is_one_line(refused, line, words):
     refused(tuple(shlex.split(line)), *words)

@@ -15,7 +15,7 @@ from tombo_diagnosis.report.files import NominalReference
 
 
 @pytest.fixture
-def found(monkeypatch):
+def fixed_answer(monkeypatch):
     """Fixed answer of the diagnosis, without reading and fitting."""
     answer: dict[str, Any] = {"diagnosis": sample(flights=2, seconds=10.0), "asked": None}
 
@@ -34,8 +34,8 @@ def names(folder: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
-def test_every_verdict_is_printed_first_and_leaves_with_0(tombo, found, verdict):
-    found["diagnosis"] = sample(verdict, flights=1, seconds=10.0)
+def test_every_verdict_is_printed_first_and_leaves_with_0(tombo, fixed_answer, verdict):
+    fixed_answer["diagnosis"] = sample(verdict, flights=1, seconds=10.0)
     result = tombo("diagnose", "a.mcap", "--no-report")
     assert result.code == 0, result.err
     assert result.err == ""
@@ -50,7 +50,7 @@ def test_every_verdict_is_printed_first_and_leaves_with_0(tombo, found, verdict)
 
 
 @pytest.mark.slow
-def test_cause_gain_faults_and_files_are_told(tombo, found, tmp_path):
+def test_cause_gain_faults_and_files_are_told(tombo, fixed_answer, tmp_path):
     result = tombo("diagnose", "lab flights.mcap", "other.mcap")
     out = re.sub(r"\s+", " ", result.out)
     for words in (
@@ -66,9 +66,9 @@ def test_cause_gain_faults_and_files_are_told(tombo, found, tmp_path):
     assert {"report.html", "diagnosis.json", "model.yaml"} <= names(folder)
 
 
-def test_json_is_that_alone_and_writes_nothing_unless_asked(tombo, found, tmp_path):
+def test_json_is_that_alone_and_writes_nothing_unless_asked(tombo, fixed_answer, tmp_path):
     result = tombo("diagnose", "a.mcap", "--json")
-    assert result.json == _plain(diagnosis_mapping(found["diagnosis"]))
+    assert result.json == _plain(diagnosis_mapping(fixed_answer["diagnosis"]))
     assert list(tmp_path.iterdir()) == []
     again = tombo("diagnose", "a.mcap", "--json", "-o", "d", "--no-report")
     assert again.out == result.out == (tmp_path / "d" / "diagnosis.json").read_text()
@@ -80,13 +80,13 @@ def _plain(value: Any) -> Any:
     return json.loads(json.dumps(value))
 
 
-def test_what_is_given_is_handed_on(tombo, found):
+def test_what_is_given_is_handed_on(tombo, fixed_answer):
     tombo(
         "diagnose", "a.bag", "b.bag", "--model", "m.yaml", "--mapping", "lab", "--json",
         "--vehicle", "v.yaml",
         "--map", "/vrpn/quad/pose=/mocap/pose", "--map", "/imu:=/imu/data_raw",
     )  # fmt: skip
-    assert found["asked"] == (
+    assert fixed_answer["asked"] == (
         [Path("a.bag"), Path("b.bag")],
         Path("m.yaml"),
         "lab",

@@ -30,7 +30,7 @@ def model(tmp_path: Path) -> str:
     return "windy.yaml"
 
 
-def flown(folder: str) -> dict[str, object]:
+def scenario_of(folder: str) -> dict[str, object]:
     with Recording(Path(folder) / "flight.mcap") as recording:
         scenario: dict[str, object] = json.loads(recording.metadata[FLIGHT_METADATA]["scenario"])
     return scenario
@@ -48,7 +48,7 @@ def test_flies_as_if_the_effects_were_set(tombo, model):
     calm = tombo("fly", *SHORT, "-o", "c", "--json").json
 
     assert without_names(by_model) == without_names(by_setting) != without_names(calm)
-    assert flown("a")["effects"] == flown("b")["effects"]
+    assert scenario_of("a")["effects"] == scenario_of("b")["effects"]
 
 
 def test_summary_report_and_recording_name_the_model(tombo, model):
@@ -57,7 +57,7 @@ def test_summary_report_and_recording_name_the_model(tombo, model):
     assert f"model {model}" in " ".join(result.out.split())
     assert json.loads(Path("a/summary.json").read_text())["model"] == model
     assert f"model {model}" in Path("a/report.html").read_text()
-    assert flown("a")["model"] == model
+    assert scenario_of("a")["model"] == model
     assert tombo("fly", *SHORT, "-o", "b", "--json").json["model"] is None
 
 

@@ -104,7 +104,7 @@ def fly(tombo, tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def flown(monkeypatch):
+def short_flight(monkeypatch):
     """A second of hover in place of the recording."""
     record = fly_scenario(load_scenario("hover", ["duration=1.0"]), 0)
     monkeypatch.setattr(node_flight, "read_flight", lambda bag, wall_s: record)
@@ -125,7 +125,7 @@ def test_a_refused_arming_is_one_line_with_px4s_text_and_keeps_the_bag(fly, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("flown")
+@pytest.mark.usefixtures("short_flight")
 def test_a_vehicle_that_stays_armed_is_reported_as_an_error(fly, monkeypatch, tmp_path):
     monkeypatch.setattr(node_flight, "draw_pictures", lambda *arguments: None)
     result = fly("--set", "duration=2.0", says={"armed": True, "mode": "position"})
@@ -139,7 +139,7 @@ def test_a_vehicle_that_stays_armed_is_reported_as_an_error(fly, monkeypatch, tm
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("flown")
+@pytest.mark.usefixtures("short_flight")
 def test_a_flight_that_a_loss_has_ended_is_no_success(fly, monkeypatch, tmp_path):
     monkeypatch.setattr(node_flight, "draw_pictures", lambda *arguments: None)
     monkeypatch.setattr(node_flight, "px4_metrics", lambda recording, flight: {})
@@ -153,7 +153,7 @@ def test_a_flight_that_a_loss_has_ended_is_no_success(fly, monkeypatch, tmp_path
 
 
 @pytest.mark.real_time
-@pytest.mark.usefixtures("flown")
+@pytest.mark.usefixtures("short_flight")
 def test_a_second_ctrl_c_in_the_air_leaves_the_vehicle_to_px4(fly, monkeypatch, tmp_path):
     presses: list[threading.Timer] = []
 

@@ -41,8 +41,8 @@ def first_flight(
 ) -> None:
     """Guide through the first flight of a real vehicle.
 
-    Each step is a check of the machine, or a question to you. What came of each is written into
-    first_flight.yaml beside the recordings; the same command goes on with the first step that is
+    Each step is a check of the machine, or a question to you. Its outcome is written into
+    first_flight.yaml next to the recordings; the same command goes on with the first step that is
     not passed. The steps: docs/first_real_flight.md.
     """
     from tombo_bringup.first_flight.checks import Session, lab_of

@@ -528,7 +528,7 @@ class Results(Force, Copies):
 
 
 Rule = tuple[str, Sequence[str], Sequence[str]]
-"""An option, those of which it needs one, and those with which it does not go."""
+"""An option, options of which it needs one, and options that exclude it."""
 
 
 def is_given(value: Any) -> bool:

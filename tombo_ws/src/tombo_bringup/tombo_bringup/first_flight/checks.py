@@ -1,7 +1,7 @@
 """Checks by the machine in the steps of a first flight.
 
-The functions that decide (`…_lack`, `…_differences`) are pure; those that take a session ask the
-vehicle, or start the command that already does it.
+Functions that decide (`find_…`) are pure; functions that take a session ask the vehicle, or start
+the command that already does it.
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ _LEAST_CHARGE = 0.5
 _BATTERY_LIMITS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR", "COM_LOW_BAT_ACT")
 _FENCE = ("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST")
 _FENCE_ACTIONS = (2, 5)
-"""Hold and land; return climbs, and terminate lets it fall."""
+"""Hold and land; return climbs, and terminate drops the vehicle."""
 _OVER_NET_M = 1.0
 _LARGEST_M = 1e3
-"""No lab is so wide: the volume is the default of a scenario."""
+"""Wider than any lab: such a volume is the default of a scenario."""
 _SWITCHED_S = 60.0
-"""The person has so long for the switch, each way."""
+"""Time for the person to switch the kill switch, each way."""
 _AXES_S = 120.0
 _TURNS_S, _TURNS_AT = 2.0, 0.1
 """Time and throttle of a motor's test."""
 _DIRECTIONS = {1.0: "ccw", -1.0: "cw"}
 _TAKES_OFF_S = 12.0
-"""From the mission's begin until it hovers: arming, PX4's ramp, climb."""
+"""From the mission's begin to hover: arming, PX4's ramp, climb."""
 _SLOW_CLIMB_S = 12.0
 """More for a set point 0.12 m above the ground: PX4 1.17 in SITL left it after up to 19 s."""
 _LANDS_S = 25.0
@@ -73,23 +73,22 @@ _SAID_LATE_S = 0.5
 class Outcome:
     """Result of a check."""
 
-    lack: str
+    failure: str
     """Empty: it is passed."""
-    said: str = ""
-    """The observation."""
+    observation: str = ""
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Session:
-    """What the checks work with.
+    """Lab, vehicle and person that the checks work with.
 
     Attributes:
         file: the lab file.
         lab: its content.
         folder: of the recordings.
         ask: returns the answer of the person to a question of a step.
-        say: tells the person something.
+        say: shows a text to the person.
         domain: ROS_DOMAIN_ID of the motion capture; None: that of the environment.
         listen_s: time in which the motion capture is heard [s].
         hover_s: time of the hover [s].
@@ -116,7 +115,7 @@ class Session:
         """Open a link to the vehicle, while no bridge uses it.
 
         Raises:
-            InputError: there is no vehicle, as `vehicle_on`.
+            InputError: as `vehicle_on`: the vehicle is missing.
         """
         params = self.px4.link
         with VehicleLink(params, link_key(params), time.time_ns) as link:
@@ -128,17 +127,17 @@ class Session:
         """The volume of the lab."""
         return load_scenario("hover", self.lab.settings, None, self.lab.vehicle or None).volume
 
-    def words(self, command: str, *more: str) -> list[str]:
-        """Return a command of the suite, as a process."""
+    def command_line(self, command: str, *more: str) -> list[str]:
+        """Return the command line of a command of the suite."""
         domain = [] if self.domain is None else ["--domain", str(self.domain)]
-        words = [*command.split(), *domain, *more, "--json"]
-        return [sys.executable, "-m", "tombo_bringup.cli.main", *words]
+        arguments = [*command.split(), *domain, *more, "--json"]
+        return [sys.executable, "-m", "tombo_bringup.cli.main", *arguments]
 
-    def run(self, words: Sequence[str]) -> tuple[int, Any, str]:
+    def run(self, command: Sequence[str]) -> tuple[int, Any, str]:
         """Return exit code, JSON on standard output, and the last line on standard error."""
         with TemporaryFile("w+", encoding="utf-8") as out:
             process = subprocess.Popen(
-                words, stdout=out, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True
+                command, stdout=out, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True
             )
             assert process.stderr is not None
             said = ""
@@ -159,7 +158,7 @@ class Session:
 
 def check_lab(session: Session) -> Outcome:
     """Ask `tombo lab check`."""
-    run = replace(session, domain=None).words("lab check", str(session.file))
+    run = replace(session, domain=None).command_line("lab check", str(session.file))
     _, items, said = session.run(run)
     if items is None:
         return Outcome(said)
@@ -170,7 +169,7 @@ def check_lab(session: Session) -> Outcome:
 
 def _listen(session: Session, seconds: float) -> tuple[dict[str, str], Mapping[str, Any], str]:
     """Return key → message of the findings, the figures, and an error, of `tombo check mocap`."""
-    _, found, said = session.run(session.words("check mocap", "--seconds", str(seconds)))
+    _, found, said = session.run(session.command_line("check mocap", "--seconds", str(seconds)))
     if found is None:
         return {}, {}, said
     return {f["key"]: f["message"] for f in found["findings"]}, found["figures"], ""
@@ -192,11 +191,11 @@ def check_clocks(session: Session) -> Outcome:
     if shutil.which("chronyc"):
         words = ["chronyc", "-c", "tracking"]
         tracking = subprocess.run(words, capture_output=True, text=True).stdout
-    lack = error or "; ".join(stamps) or (clock_lack(tracking) if tracking else "")
-    return Outcome(lack, "stamps agree; chrony follows" if tracking else "stamps agree; no chrony")
+    text = error or "; ".join(stamps) or (find_clock_fault(tracking) if tracking else "")
+    return Outcome(text, "stamps agree; chrony follows" if tracking else "stamps agree; no chrony")
 
 
-def clock_lack(tracking: str) -> str:
+def find_clock_fault(tracking: str) -> str:
     """Return why the clock of this computer is not set; "" if it is.
 
     Args:
@@ -252,11 +251,11 @@ def check_battery(session: Session) -> Outcome:
     charge = 0.01 * remaining if remaining >= 0 else math.nan
     volts = math.nan if status is None else 1e-3 * status.voltage_battery
     figures = {"charge": charge, "voltage_V": volts, **limits}
-    return Outcome(battery_lack(charge, limits), f"{charge:.0%}, {volts:.1f} V", figures)
+    return Outcome(find_battery_fault(charge, limits), f"{charge:.0%}, {volts:.1f} V", figures)
 
 
-def battery_lack(charge: float, limits: Mapping[str, float]) -> str:
-    """Return what the battery lacks for two short flights; "" if nothing.
+def find_battery_fault(charge: float, limits: Mapping[str, float]) -> str:
+    """Return the fault of the battery for two short flights; "" without one.
 
     Args:
         charge: share of the full charge; NaN: not known.
@@ -297,23 +296,24 @@ def check_geofence(session: Session) -> Outcome:
     """Compare PX4's geofence with the volume of the lab."""
     with session.vehicle() as link:
         fence = link.parameters(_FENCE)
-    return Outcome(fence_lack(fence, session.volume), "PX4's fence is around the volume", fence)
+    faults = find_fence_faults(fence, session.volume)
+    return Outcome(faults, "PX4's fence is around the volume", fence)
 
 
-def fence_lack(fence: Mapping[str, float], volume: FlightVolume) -> str:
-    """Return what is wrong with PX4's geofence around a volume; "" if nothing."""
+def find_fence_faults(fence: Mapping[str, float], volume: FlightVolume) -> str:
+    """Return the faults of PX4's geofence around a volume; "" without one."""
     diagonal = math.hypot(volume.x_max - volume.x_min, volume.y_max - volume.y_min)
     highest = volume.z_max + _OVER_NET_M
-    lacks = []
+    faults = []
     if diagonal > _LARGEST_M:
-        lacks.append("the lab has no volume")
+        faults.append("the lab has no volume")
     if fence.get("GF_ACTION") not in _FENCE_ACTIONS:
-        lacks.append(f"GF_ACTION is {fence.get('GF_ACTION', math.nan):g}, set it to 5 (land)")
+        faults.append(f"GF_ACTION is {fence.get('GF_ACTION', math.nan):g}, set it to 5 (land)")
     for name, most in (("GF_MAX_HOR_DIST", diagonal), ("GF_MAX_VER_DIST", highest)):
         value = fence.get(name, math.nan)
         if not 0.0 < value <= most:
-            lacks.append(f"{name} is {value:g}; expected: above 0, at most {most:.1f} m")
-    return "; ".join(lacks)
+            faults.append(f"{name} is {value:g}; expected: above 0, at most {most:.1f} m")
+    return "; ".join(faults)
 
 
 def check_rotors(session: Session) -> Outcome:
@@ -332,13 +332,13 @@ def check_rotors(session: Session) -> Outcome:
                 " above cw or ccw?",
             )
         )
-        if lack := rotor_lack(answers):
-            return Outcome(lack)
+        if fault := find_rotor_fault(answers):
+            return Outcome(fault)
     return Outcome("", ", ".join(answers))
 
 
-def rotor_lack(answers: Sequence[str]) -> str:
-    """Return which motor of PX4 is elsewhere, or turns the other way; "" if none does."""
+def find_rotor_fault(answers: Sequence[str]) -> str:
+    """Return which motor of PX4 has a wrong place or direction; "" if all are right."""
     for motor, answer in enumerate(answers):
         rotor = PX4_ROTORS[motor]
         wanted = f"{ROTOR_NAMES[rotor]} {_DIRECTIONS[float(SPIN[rotor])]}"
@@ -351,10 +351,10 @@ def rotor_lack(answers: Sequence[str]) -> str:
 
 
 def check_axes(session: Session) -> Outcome:
-    """Run the bridge without a mission until it forbids nothing any more."""
+    """Run the bridge without a mission until no finding blocks arming."""
     folder = make_numbered(session.folder / "axes")
     words = ("up hover --lab", str(session.file), "--px4", "--without", "mission")
-    command = session.words(words[0], *words[1:], "-o", str(folder))
+    command = session.command_line(words[0], *words[1:], "-o", str(folder))
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         begun_s, heard, free, text = time.monotonic(), False, 0, "the bridge has said nothing"
@@ -382,7 +382,7 @@ def check_axes(session: Session) -> Outcome:
 
 
 def blockers_of(values: Mapping[str, Any]) -> str:
-    """Return what forbids to arm by the diagnostics of the bridge; "" if nothing does."""
+    """Return the findings that block arming, of the bridge's diagnostics; "" without any."""
     if not values.get("mode"):
         return "the bridge does not hear PX4"
     findings = str(values.get("findings", "")).split(" | ")
@@ -401,7 +401,7 @@ def _fly(session: Session, name: str, height: float, hover_s: float) -> tuple[in
     words = [word for setting in settings for word in ("--set", setting)]
     where = ("--lab", str(session.file), "--px4", "--yes", "--force")
     output = ("-o", str(session.folder / name))
-    return session.run(session.words("fly hover", *where, *words, *output))
+    return session.run(session.command_line("fly hover", *where, *words, *output))
 
 
 def check_hover(session: Session) -> Outcome:
@@ -432,7 +432,7 @@ def check_kill(session: Session) -> Outcome:
     height = flight.log["position"][:, 2]
     figures = fall_of(flight.t, height - height[0], killed_s)
     shown = "{height_m:.2f} m above the ground, which it reached {down_s:.1f} s later"
-    return Outcome(kill_lack(**figures), f"rotors off {shown.format(**figures)}", figures)
+    return Outcome(find_kill_fault(**figures), f"rotors off {shown.format(**figures)}", figures)
 
 
 def fall_of(t: Array, height: Array, killed_s: float) -> dict[str, float]:
@@ -454,7 +454,7 @@ def fall_of(t: Array, height: Array, killed_s: float) -> dict[str, float]:
     }
 
 
-def kill_lack(height_m: float, down_s: float) -> str:
+def find_kill_fault(height_m: float, down_s: float) -> str:
     """Return why a flight does not show that the kill switch works; "" if it does.
 
     Args:
@@ -474,7 +474,7 @@ def check_diagnosis(session: Session) -> Outcome:
     """Diagnose the hover."""
     vehicle = ["--vehicle", session.lab.vehicle] if session.lab.vehicle else []
     log = session.folder / HOVER / "flight.mcap"
-    words = replace(session, domain=None).words("diagnose", str(log), *vehicle)
+    words = replace(session, domain=None).command_line("diagnose", str(log), *vehicle)
     code, found, said = session.run([*words, "-o", str(session.folder / "diagnosis"), "--force"])
     if code or found is None:
         return Outcome(said or "no diagnosis")

@@ -15,7 +15,7 @@ from tombo_flight.yaml_file import check_keys, mapping_of, write_yaml, yaml_of
 
 FILE = "first_flight.yaml"
 _YES = "yes"
-_WORDS = {True: _YES, False: "no"}
+_ANSWERS = {True: _YES, False: "no"}
 """YAML reads yes and no as truth values."""
 
 
@@ -45,7 +45,7 @@ class Answers:
         """
         if self._given.get(key):
             answer = self._given[key].pop(0)
-            return _WORDS.get(answer, str(answer)) if isinstance(answer, bool) else str(answer)
+            return _ANSWERS.get(answer, str(answer)) if isinstance(answer, bool) else str(answer)
         if self._prompt is None:
             raise InputError(
                 f"step {key}: no answer to '{question}'; accepted: --answers FILE with {key}, or a"
@@ -70,7 +70,7 @@ def read_record(path: Path) -> dict[str, Any]:
 def steps_to_do(record: Mapping[str, Mapping[str, Any]], first: str | None) -> list[Step]:
     """Return the steps from one on, or from the first that is not passed.
 
-    Those whose result may have changed since are repeated before it.
+    Earlier steps are repeated if their result may have changed since.
 
     Raises:
         InputError: there is no such step, or one before it is not passed.
@@ -98,23 +98,23 @@ def do_steps(session: Session, steps: Sequence[Step], record: dict[str, Any]) ->
         session.say(f"[{number}/{len(steps)}] {step.key}: {step.does or step.question}")
         outcome, answer = _do(step, session)
         record[step.key] = {
-            "passed": not outcome.lack,
+            "passed": not outcome.failure,
             "at": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
             "answer": answer,
-            "said": outcome.lack or outcome.said,
+            "said": outcome.failure or outcome.observation,
             "figures": dict(outcome.figures),
         }
         content = {"tombo_first_flight": 1, "lab": str(session.file), "steps": record}
         write_yaml(session.folder / FILE, yaml_of(content), f"'{session.folder / FILE}'")
-        if outcome.lack:
-            session.say(f"{step.key} FAILED: {outcome.lack}\nTo mend: {step.mend}")
+        if outcome.failure:
+            session.say(f"{step.key} FAILED: {outcome.failure}\nTo mend: {step.mend}")
             return False
-        session.say(f"{step.key} passed: {outcome.said or answer}")
+        session.say(f"{step.key} passed: {outcome.observation or answer}")
     return True
 
 
 def _do(step: Step, session: Session) -> tuple[Outcome, str]:
-    """Return what came of a step, and the answer to its question."""
+    """Do a step; return its outcome, and the answer to its question."""
     answer = session.ask(step.key, step.question) if step.question else ""
     if step.question and answer.strip().lower() not in (_YES, "y"):
         return Outcome(f"'{step.question}' was answered with '{answer}'"), answer

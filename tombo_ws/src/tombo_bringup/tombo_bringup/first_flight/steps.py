@@ -17,9 +17,9 @@ class Step:
         key: its name.
         question: for the person; empty: none.
         does: of the machine; empty: nothing.
-        mend: what to do when it fails.
+        mend: the remedy when it fails.
         check: of the machine, after the answer.
-        again: what it shows may have changed since: it is repeated where the list goes on later.
+        again: its result may change with time; the step is repeated when a list is continued.
     """
 
     key: str

@@ -20,7 +20,7 @@ PX4_RULES: tuple[Rule, ...] = (
     ("bridge", ("px4",), ()),
     ("model", (), ("px4 URL",)),
 )
-"""Of commands with this option; no model is laid over what a URL leads to."""
+"""Of commands with this option; a model changes a simulated vehicle, not one at a URL."""
 
 
 @record
