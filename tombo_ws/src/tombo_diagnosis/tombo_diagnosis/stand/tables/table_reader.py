@@ -34,54 +34,37 @@ from tombo_logs.readers.csv_mapping import (
 from tombo_logs.readers.csv_table import open_table
 from tombo_logs.readers.units import SPELLINGS, UNITS, factor
 
-CHANNELS: Mapping[str, str] = {
-    "time": "s",
-    "speed": "rad/s",
-    "reference_speed": "rad/s",
-    "thrust": "N",
-    "torque": "N m",
-    "beta": "rad",
-    "applied_thrust": "N",
-    "applied_torque": "N m",
-    "thrust_sigma": "N",
-    "torque_sigma": "N m",
-    "command": "1",
-    "voltage": "V",
-    "current": "A",
-    "power": "W",
-    "conf": "1",
-    "run": "1",
-    "propeller": "1",
-    "thrust_coefficient": "1",
-    "power_coefficient": "1",
-}
+_COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "time": ("s", ("time", "t", "stamp", "timestamp")),
+    "speed": ("rad/s", (
+        "rpm", "speed", "omega", "motor_speed", "motor_optical_speed", "motor_electrical_speed",
+        "rotor_speed",
+    )),
+    "reference_speed": ("rad/s", ("reference_speed", "second_speed", "reference_rpm")),
+    "thrust": ("N", ("thrust", "weight", "force", "lift")),
+    "torque": ("N m", ("torque", "moment")),
+    "beta": ("rad", ("beta", "flap", "flap_angle", "deformation", "deformation_angle")),
+    "applied_thrust": ("N", ("applied_thrust", "known_thrust", "check_weight")),
+    "applied_torque": ("N m", ("applied_torque", "known_torque")),
+    "thrust_sigma": ("N", ("thrust_sigma", "thrust_dev", "thrust_std")),
+    "torque_sigma": ("N m", ("torque_sigma", "torque_dev", "torque_std")),
+    "command": ("1", ("pwm", "command", "esc", "esc_signal", "throttle")),
+    "voltage": ("V", ("voltage", "v", "vbat")),
+    "current": ("A", ("current", "i")),
+    "power": ("W", ("power", "p", "electrical_power")),
+    "conf": ("1", ("conf", "configuration")),
+    "run": ("1", ("run", "repeat")),
+    "propeller": ("1", ("propeller", "specimen")),
+    "thrust_coefficient": ("1", ("ct",)),
+    "power_coefficient": ("1", ("cp",)),
+}  # fmt: skip
+"""Channel -> its unit here, and the names of columns that need no mapping."""
+CHANNELS: Mapping[str, str] = {channel: unit for channel, (unit, _) in _COLUMNS.items()}
 """Channel -> its unit here."""
 MULTI_COLUMN_CHANNELS = ("speed", "reference_speed")
 """Channels that may have several columns, one a rotor."""
-_NAMES = {
-    "speed": (
-        "rpm", "speed", "omega", "motor_speed", "motor_optical_speed", "motor_electrical_speed",
-        "rotor_speed",
-    ),
-    "reference_speed": ("reference_speed", "second_speed", "reference_rpm"),
-    "thrust": ("thrust", "weight", "force", "lift"),
-    "torque": ("torque", "moment"),
-    "beta": ("beta", "flap", "flap_angle", "deformation", "deformation_angle"),
-    "applied_thrust": ("applied_thrust", "known_thrust", "check_weight"),
-    "applied_torque": ("applied_torque", "known_torque"),
-    "thrust_sigma": ("thrust_sigma", "thrust_dev", "thrust_std"),
-    "torque_sigma": ("torque_sigma", "torque_dev", "torque_std"),
-    "command": ("pwm", "command", "esc", "esc_signal", "throttle"),
-    "voltage": ("voltage", "v", "vbat"),
-    "current": ("current", "i"),
-    "power": ("power", "p", "electrical_power"),
-    "time": ("time", "t", "stamp", "timestamp"),
-    "conf": ("conf", "configuration"),
-    "run": ("run", "repeat"),
-    "propeller": ("propeller", "specimen"),
-    "thrust_coefficient": ("ct",),
-    "power_coefficient": ("cp",),
-}  # fmt: skip
+_CHANNEL_OF = {name: channel for channel, (_, names) in _COLUMNS.items() for name in names}
+"""Name of a column -> its channel."""
 _HEADING = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _OTHERS = ("rpm", "rad_s", "Hz", "deg", "rad", "V", "A", "W", "mW", "s", "ms")
 _UNITS_IN_NAMES = (*UNITS["N"], *(u.replace(" ", "") for u in UNITS["N m"]), *_OTHERS)
@@ -187,7 +170,7 @@ def infer_mapping(columns: Sequence[str], path: Path) -> StandMapping:
     channels: dict[str, ChannelMap] = {}
     for column in columns:
         name, unit = _split(column)
-        channel = next((c for c, names in _NAMES.items() if name in names), None)
+        channel = _CHANNEL_OF.get(name)
         if channel is None or channel in channels:
             continue
         if channel == "command":
@@ -222,7 +205,7 @@ def _split(column: str) -> tuple[str, str]:
     name, unit = (match.group(1), match.group(2) or "") if match else (column, "")
     if not unit:
         suffix = _SUFFIX.match(name)
-        if suffix and name.lower() not in {n for names in _NAMES.values() for n in names}:
+        if suffix and name.lower() not in _CHANNEL_OF:
             name, unit = suffix.group(1), suffix.group(2)
     name = re.sub(r"[^\w]+", "_", name.strip().lower()).strip("_")
     if unit.lower() == "rpm" and name == "":
