@@ -32,7 +32,6 @@ def answer_row(findings: Analysis[Any, Any], seconds: float) -> dict[str, Any]:
     judgement, found = findings.judgement, findings.search
     return {
         "verdict": judgement.verdict,
-        "reason": judgement.reason,
         "causes": list(judgement.effects),
         "set": list(judgement.members),
         "confidence": judgement.confidence,

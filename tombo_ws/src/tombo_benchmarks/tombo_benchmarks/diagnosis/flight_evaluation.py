@@ -42,7 +42,6 @@ def examine(seed: int, number: int, **shorter: Any) -> dict[str, Any]:
     row |= answer_row(findings, diagnosis.seconds) | {
         "excess": max((each.excess for each in remainder.residual_excesses), default=0.0),
         "repeats": remainder.residual_r2,
-        "explained": findings.judgement.explained,
         "chance": max((fit.evidence for fit in remainder.all_noise_fits), default=0.0),
     }
     if exactly_right(case, findings):

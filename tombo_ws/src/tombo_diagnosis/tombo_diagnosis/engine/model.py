@@ -153,7 +153,7 @@ class Remainder:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict and its reasons."""
+    """The verdict and its causes."""
 
     verdict: str
     effects: tuple[str, ...]
@@ -164,10 +164,6 @@ class Judgement:
     confidence: float
     each: dict[str, float]
     """Confidence in each effect that was named or is in the set."""
-    explained: float
-    """Share of the excess that the causes explain."""
-    reason: str
-    """Why this verdict and no other."""
 
 
 P = TypeVar("P")

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import expit
@@ -33,6 +33,7 @@ from tombo_diagnosis.engine.model_selection import (
     search,
 )
 from tombo_diagnosis.wording import listed
+from tombo_dynamics.effect_registry import Effect
 from tombo_flight.progress import ProgressCallback
 
 P = TypeVar("P", bound=RegressionModel)
@@ -69,9 +70,7 @@ def judge(setting: Setting, result: SearchResult, remainder: Remainder) -> Judge
     p_real = p_cause(min(weights.values(), default=0.0))
     p_best = 1.0 / (1.0 + sum(_relative_odds(r, result, share) for r in result.alternatives))
 
-    def verdict(
-        name: str, probability: float, reason: str, effects: tuple[str, ...] = ()
-    ) -> Judgement:
+    def verdict(name: str, probability: float, effects: tuple[str, ...] = ()) -> Judgement:
         each = _confidences(setting, result, causes, members, p_real, p_best, rivals)
         each = each if effects else {}
         if name == "set":
@@ -82,56 +81,31 @@ def judge(setting: Setting, result: SearchResult, remainder: Remainder) -> Judge
             probability = float(np.interp(probability, said, true))
         stated = _clipped(probability, setting.max_confidence)
         alike = members if name in ("named", "set") else ()
-        explained = remainder.explained if causes else 0.0
-        return Judgement(name, effects, alike, stated, each, explained, reason)
+        return Judgement(name, effects, alike, stated, each)
 
     if not causes and remainder.clean:
         lead = max(result.single_log_bf.values(), default=0.0)
-        return verdict(
-            "none", expit(_NONE_SLOPE * (_NONE_EVEN_LOG_BF - lead)),
-            "no effect reaches the log Bayes factor threshold, and what is left is noise",
-        )  # fmt: skip
+        return verdict("none", expit(_NONE_SLOPE * (_NONE_EVEN_LOG_BF - lead)))
     if not causes:
-        return verdict(
-            "unknown", remainder.p_unexplained,
-            "no effect reaches the log Bayes factor threshold, but more than noise is left",
-        )  # fmt: skip
+        return verdict("unknown", remainder.p_unexplained)
     if not remainder.clean:
         strong = remainder.mostly_explained and best.evidence > _STRONG_LOG_BF
         if strong and len(causes) == 1:
-            return verdict(
-                "partly_explained", remainder.p_unexplained,
-                "one strong cause takes away most, but more than noise is left", causes,
-            )  # fmt: skip
+            return verdict("partly_explained", remainder.p_unexplained, causes)
         if remainder.clean_where_explained and best.evidence > _SURE_LOG_BF:
-            return verdict(
-                "partly_explained", p_real,
-                "causes leave noise where they act; elsewhere more than noise is left", causes,
-            )  # fmt: skip
-        return verdict(
-            "unknown", remainder.p_unexplained,
-            "what looks like a cause leaves more than noise: it may only resemble the true one",
-        )  # fmt: skip
+            return verdict("partly_explained", p_real, causes)
+        # A cause that leaves more than noise where it acts may only resemble the true one.
+        return verdict("unknown", remainder.p_unexplained)
     random = [e for e in remainder.imitated if e in causes]
     if any(e in remainder.imitated[r] for r in random for e in causes):
-        return verdict(
-            "partly_explained", p_real,
-            "random forces beside a cause are what a force leaves that the cause only resembles",
-            tuple(e for e in causes if e not in random),
-        )  # fmt: skip
+        # Random forces beside a cause are what a force leaves that the cause only resembles.
+        named = tuple(e for e in causes if e not in random)
+        return verdict("partly_explained", p_real, named)
     if members and certain:
-        return verdict(
-            "named", p_real,
-            "some causes are in all explanations that do as well, others can replace each other",
-            certain,
-        )  # fmt: skip
+        return verdict("named", p_real, certain)
     if members:
-        return verdict("set", p_real, "several explanations do as well", members)
-    return verdict(
-        "named", p_real * p_best,
-        "one explanation reaches the log Bayes factor threshold and is ahead of all others",
-        causes,
-    )  # fmt: skip
+        return verdict("set", p_real, members)
+    return verdict("named", p_real * p_best, causes)
 
 
 def _confidences(
@@ -236,14 +210,8 @@ def analyse_problem(
     return Analysis(problem, result, remainder, judge(problem.setting, result, remainder))
 
 
-class _Effect(Protocol):
-    @property
-    def separates_from(self) -> Mapping[str, str]:
-        """Effect → the measurement that tells both apart."""
-
-
 def separating_experiment(
-    members: Sequence[str], effects: Mapping[str, _Effect]
+    members: Sequence[str], effects: Mapping[str, Effect]
 ) -> Experiment | None:
     """Return the registry's advice on how to separate the members of a set; None without a set."""
     if len(members) < 2:
