@@ -31,7 +31,6 @@ from tombo_diagnosis.report.words import (
     STYLES,
     badge,
     dependence_text,
-    detectable_text,
     headline,
 )
 from tombo_diagnosis.wording import (
@@ -79,7 +78,6 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
         folder: where mission and model will lie, as the reader would type it.
         vehicle: as it was given, a name or file; empty: the suite's own.
     """
-    shown = detectable_text(diagnosis) if diagnosis.verdict == "none" else ""
     return report_page(
         diagnosis,
         headline(diagnosis),
@@ -90,7 +88,6 @@ def diagnosis_page(diagnosis: Diagnosis, folder: str = "", vehicle: str = "") ->
             *cause_sections(diagnosis),
             Section("", _channels(diagnosis), "page"),
         ],
-        summary=" ".join(filter(None, (diagnosis.summary, shown))),
     )
 
 
@@ -99,7 +96,6 @@ def report_page(
     title: str,
     sections: Sequence[Section],
     *,
-    summary: str = "",
     what: str = "flight",
     data: Mapping[str, Any] | None = None,
 ) -> Page:
@@ -109,7 +105,6 @@ def report_page(
         diagnosis: its content.
         title: the verdict as one sentence.
         sections: the first ones, that depend on the kind of data.
-        summary: below the title; empty: that of the diagnosis.
         what: the data are of: flight or table.
         data: for programs; None: that of the diagnosis.
     """
@@ -122,7 +117,7 @@ def report_page(
         verdict=badge(diagnosis),
         verdict_style=STYLES[diagnosis.verdict],
         headline=title,
-        summary=summary or diagnosis.summary,
+        summary=diagnosis.summary,
         sections=[
             *sections,
             Section("What can’t be certified", sentences(diagnosis.notes)),

@@ -1,11 +1,11 @@
-"""Texts of a diagnosis: headline, badge, tolerances, next steps."""
+"""Texts of a diagnosis: headline, badge, leftover, next steps."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from tombo_diagnosis.diagnosis import VARIABLES, Diagnosis, Leftover
-from tombo_diagnosis.wording import capital, certainty, display_name, listed, percent, sized
+from tombo_diagnosis.wording import capital, certainty, listed, percent
 
 _BADGES: Final = {
     "none": ("no cause found", "good"),
@@ -16,27 +16,6 @@ _BADGES: Final = {
 }
 STYLES: Final = {verdict: colour for verdict, (_, colour) in _BADGES.items()}
 """How each verdict is coloured: good, warn or bad."""
-
-_IMPORTANT: Final = (
-    "mass_error", "thrust_coefficient_error", "weak_propeller", "cog_offset", "linear_rotor_drag",
-    "steady_wind", "mocap_marker_offset", "mocap_latency",
-)  # fmt: skip
-"""Effects whose detectable size is told where no cause was found; the first ones that have one."""
-_MOST_TOLD: Final = 4
-
-
-def detectable_text(diagnosis: Diagnosis) -> str:
-    """Return which changes these flights would have shown; empty where none is known."""
-    sizes = {s.effect: s.detectable for s in diagnosis.candidates if s.excited and s.detectable}
-    shown = [
-        f"{display_name(effect)} from {sized(least.size, least.unit)}"
-        for effect in _IMPORTANT
-        if (least := sizes.get(effect)) is not None
-    ][:_MOST_TOLD]
-    if not shown:
-        return ""
-    return f"These flights would have shown: {', '.join(shown)}. What is smaller is not seen here."
-
 
 LEFTOVER_UNITS: Final = {"force": "N", "moment": "N m"}
 
