@@ -1,6 +1,6 @@
 """A loop that does nothing, every millisecond, in a process of its own: is the machine ours?
 
-Where it is late, the machine was busy, and no loop could keep real time.
+If it is late, the machine was busy, and no loop could keep real time.
 """
 
 from __future__ import annotations

@@ -12,11 +12,11 @@ import pytest
 
 from ros_bench import domain, start, world
 
-__all__ = ["domain", "flown", "start", "world"]
+__all__ = ["domain", "flight_run", "start", "world"]
 
 
 @pytest.fixture(scope="module")
-def flown(
+def flight_run(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, dict[str, Any]]:
     """Fly the module's FLIGHT: `tombo fly` with these arguments; its folder and its figures."""

@@ -6,6 +6,6 @@ def heard(world, spec, condition=lambda message: True, since=0, meanwhile=None):
     return world.wait_for(spec, condition, meanwhile=meanwhile, since=since)
 
 
-def told(world, node, fault, since=0, meanwhile=None, text=""):
+def finding(world, node, fault, since=0, meanwhile=None, text=""):
     """Return the first report of a node, from the `since`th on, with a fault and a text."""
     return world.wait_for_fault(node, fault, text, meanwhile=meanwhile, since=since)

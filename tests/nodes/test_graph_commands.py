@@ -17,7 +17,7 @@ pytest.importorskip("rclpy")
 PATIENCE_S = 300.0
 
 
-def look(*words: str, code: int = 0, wanted: str = "") -> Any:
+def run_json(*words: str, code: int = 0, wanted: str = "") -> Any:
     """Return the JSON of a command.
 
     It is repeated until the exit code is the wanted one and the output has the wanted text: on a
@@ -41,18 +41,18 @@ def mission(world, start):
 
 
 def test_topics_are_listed_printed_and_measured(mission):
-    topics = look("topic", "list", wanted=DIAGNOSTICS.name)
+    topics = run_json("topic", "list", wanted=DIAGNOSTICS.name)
     assert topics[DIAGNOSTICS.name] == DIAGNOSTICS.typename
-    (status, *_) = look("topic", "echo", DIAGNOSTICS.name, "-n", "1")["status"]
+    (status, *_) = run_json("topic", "echo", DIAGNOSTICS.name, "-n", "1")["status"]
     assert status["name"] == "mission"
-    measured = look("topic", "hz", DIAGNOSTICS.name, "--seconds", "3")
+    measured = run_json("topic", "hz", DIAGNOSTICS.name, "--seconds", "3")
     assert measured["messages"] > 0 and measured["rate_hz"] >= 0.0
 
 
 def test_parameters_are_set_refused_and_written(mission):
     name = "mission.height"
-    assert look("param", "set", "mission", name, "1.7") == {"set": True, "reason": ""}
-    refused = look("param", "set", "mission", name, "99.0", code=1)
+    assert run_json("param", "set", "mission", name, "1.7") == {"set": True, "reason": ""}
+    refused = run_json("param", "set", "mission", name, "99.0", code=1)
     assert not refused["set"] and "out of range" in refused["reason"]
-    (file,) = yaml.safe_load(look("param", "dump", "mission").stdout).values()
+    (file,) = yaml.safe_load(run_json("param", "dump", "mission").stdout).values()
     assert file["ros__parameters"][name] == 1.7

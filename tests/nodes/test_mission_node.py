@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 from parameter_calls import call_trigger
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
-from reports import heard, told
+from reports import finding, heard
 
 from ros_bench import point, vector
 from tombo_bag.topics import (
@@ -179,7 +179,7 @@ def test_flies_courses_and_goals_that_are_commanded(world, start):
     begun = len(world.heard[DIAGNOSTICS.name])
     world.publish(GOAL_POSE, nowhere)
     flight.step()
-    text = told(world, "mission", "goal_refused", begun, meanwhile=flight.step)
+    text = finding(world, "mission", "goal_refused", begun, meanwhile=flight.step)
     assert "frame 'odom'; accepted: map" in text
     assert flight.node.end() == 0
 

@@ -27,7 +27,7 @@ from tombo_ros.conversion import array, to_ns, to_time
 
 _PATIENCE_S = 60.0
 _PERIOD_S = 0.01
-_TURNED = [0.0, 0.0, 0.6, 0.8]
+_ATTITUDE = [0.0, 0.0, 0.6, 0.8]
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_frames_of_optitrack_become_poses(world, start, motive):
     assert motive.asked.wait(_PATIENCE_S)
 
     def send(number: int) -> None:
-        motive.send({"wand": (9.0, 9.0, 9.0, *_TURNED), "tombo": (1.0, 2.0, 3.0, 0, 0, 0, 1)})
+        motive.send({"wand": (9.0, 9.0, 9.0, *_ATTITUDE), "tombo": (1.0, 2.0, 3.0, 0, 0, 0, 1)})
 
     send_until(send, lambda: len(poses(world)) > 50)
     pose = world.heard[MOCAP_POSE.name][-1]
@@ -78,11 +78,11 @@ def test_frames_of_optitrack_become_poses(world, start, motive):
     # no camera sees the vehicle: no pose is published, and the fault names the visible bodies
     world.wait_for_fault(
         "mocap", "body_lost", "'tombo' is not seen; seen: wand",
-        meanwhile=lambda: motive.send({"wand": (9.0, 9.0, 9.0, *_TURNED)}, lost=["tombo"]),
+        meanwhile=lambda: motive.send({"wand": (9.0, 9.0, 9.0, *_ATTITUDE)}, lost=["tombo"]),
     )  # fmt: skip
     count = len(poses(world))
     for _ in range(20):
-        motive.send({"wand": (9.0, 9.0, 9.0, *_TURNED)}, lost=["tombo"])
+        motive.send({"wand": (9.0, 9.0, 9.0, *_ATTITUDE)}, lost=["tombo"])
         time.sleep(_PERIOD_S)
     assert len(poses(world)) == count
     send_until(send, lambda: len(poses(world)) > count)
@@ -100,7 +100,7 @@ def test_each_of_several_bodies_has_the_topic_of_its_vehicle(world, start):
 
         def send(*seen: str) -> None:
             lost = [name for name in places if name not in seen]
-            server.send({name: (*places[name], *_TURNED) for name in seen}, lost=lost)
+            server.send({name: (*places[name], *_ATTITUDE) for name in seen}, lost=lost)
 
         def heard() -> list[list]:
             world.hear()

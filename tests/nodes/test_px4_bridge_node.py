@@ -10,7 +10,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped, Quaternion
 from pymavlink.dialects.v20 import common as mav
 from rclpy.executors import SingleThreadedExecutor
-from reports import heard, told
+from reports import finding, heard
 from std_srvs.srv import SetBool, Trigger
 
 from in_time import in_time
@@ -227,10 +227,10 @@ def test_a_refusal_is_answered_with_px4s_own_words(lab, world):
     assert (
         answer.message == "position is not fused: EKF2_EV_CTRL is 0, without bit 0; set it to 11"
     )
-    assert "EKF2_EV_CTRL" in told(world, "px4_bridge", "check.not_fused", meanwhile=lab.publish)
+    assert "EKF2_EV_CTRL" in finding(world, "px4_bridge", "check.not_fused", meanwhile=lab.publish)
     with lab.vehicle.lock:
         lab.px4.silent = True
-    told(world, "px4_bridge", "link_lost", meanwhile=lab.publish)
+    finding(world, "px4_bridge", "link_lost", meanwhile=lab.publish)
     answer = lab.call("px4/land")
     assert not answer.success and "no heartbeat" in answer.message
 

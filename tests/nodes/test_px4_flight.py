@@ -30,8 +30,8 @@ FLIGHT = ("--px4", *(word for setting in SHORT for word in ("--set", setting)))
 
 
 @pytest.mark.real_time
-def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
-    folder, figures = flown
+def test_the_vehicle_recovers_as_in_the_headless_flight(flight_run):
+    folder, figures = flight_run
     headless = fly_scenario(load_scenario(settings=SHORT), 0).summary
     px4 = figures["px4"]
     mission = Recording(folder / "flight.mcap").columns(MISSION_STATUS.name)
@@ -57,8 +57,8 @@ def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
 
 
 @pytest.mark.real_time
-def test_the_summary_says_what_px4_did(flown):
-    folder, figures = flown
+def test_the_summary_says_what_px4_did(flight_run):
+    folder, figures = flight_run
     px4 = figures["px4"]
     assert figures["mode"] == "px4" and figures["died"] == {}
     assert "known_from" not in figures, "the truth of a simulated vehicle is known"
@@ -78,8 +78,8 @@ def test_the_summary_says_what_px4_did(flown):
 
 
 @pytest.mark.real_time
-def test_px4_stands_for_estimator_and_controller(flown):
-    folder, figures = flown
+def test_px4_stands_for_estimator_and_controller(flight_run):
+    folder, figures = flight_run
     assert {path.name for path in folder.iterdir()} == {
         "flight.mcap", "flight.png", "report.html", "scenario.yaml", "summary.json"
     }  # fmt: skip

@@ -20,8 +20,8 @@ SHORT = ("mission.approach_time=5.0", "mission.hold_time=1.0", "mission.land_spe
 FLIGHT = ("--nodes", *(word for setting in SHORT for word in ("--set", setting)))
 
 
-def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
-    _, figures = flown
+def test_the_vehicle_recovers_as_in_the_headless_flight(flight_run):
+    _, figures = flight_run
     headless = fly_scenario(load_scenario(settings=SHORT), 0).summary
     assert headless["collided"] and headless["landed"] and not headless["crashed"]
     with in_time():  # a vehicle whose controller is late flies another flight
@@ -39,8 +39,8 @@ def test_the_vehicle_recovers_as_in_the_headless_flight(flown):
         assert figures["latency_gyro_to_command_us"]["p50"] < 5_000.0
 
 
-def test_it_says_how_it_was_flown(flown):
-    _, figures = flown
+def test_it_says_how_it_was_flown(flight_run):
+    _, figures = flight_run
     assert figures["mode"] == "nodes"
     for loop in ("position", "attitude", "rate"):
         assert {"jitter_p50_us", "jitter_p99_us", "missed"} <= set(figures["loops"][loop])
@@ -49,8 +49,8 @@ def test_it_says_how_it_was_flown(flown):
     assert figures["died"] == {}
 
 
-def test_it_leaves_the_same_files(flown):
-    folder, figures = flown
+def test_it_leaves_the_same_files(flight_run):
+    folder, figures = flight_run
     names = {path.name for path in folder.iterdir()}
     assert names == {"flight.mcap", "flight.png", "report.html", "scenario.yaml", "summary.json"}
     bag = Bag(folder / "flight.mcap", check=True)

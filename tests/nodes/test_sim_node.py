@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from parameter_calls import set_parameters
-from reports import heard, told
+from reports import finding, heard
 
 from tombo_bag.topics import CLOCK, DIAGNOSTICS, IMU, ROTOR_COMMAND, TRUE_ODOMETRY
 from tombo_msgs.msg import RotorSpeeds
@@ -64,7 +64,7 @@ def test_in_real_time_the_flight_begins_when_the_other_nodes_are_there(world, st
 def test_a_node_that_does_not_come_is_told_and_the_flight_begins(world, start):
     world.subscribe(IMU, DIAGNOSTICS)
     start("tombo_sim.sim_node", "-p", "starts_after:=pilot", "-p", "start_patience:=2.0")
-    told(world, "sim", "nodes_missing", text="begins without pilot", since=0)
+    finding(world, "sim", "nodes_missing", text="begins without pilot", since=0)
     _wait(world, lambda: world.heard[IMU.name])
 
 
@@ -85,13 +85,13 @@ def test_in_simulated_time_it_climbs_lands_on_its_own_and_stands_still(world, st
 
     heard(world, CLOCK)
     heard(world, TRUE_ODOMETRY, lambda m: m.pose.pose.position.z > 0.5, meanwhile=climb)
-    assert "landing on its own" in told(world, "sim", "failsafe")
+    assert "landing on its own" in finding(world, "sim", "failsafe")
     for stamp_ns, speed, why in (
         (clock_ns(), math.nan, "is no command"),
         (clock_ns() + 3_600_000 * _MS, 610.0, "future"),
     ):
         world.publish(ROTOR_COMMAND, _command(stamp_ns, speed))
-        assert why in told(world, "sim", "command_refused", text=why)
+        assert why in finding(world, "sim", "command_refused", text=why)
 
     began, begin_ns = time.monotonic(), clock_ns()
     _wait(world, lambda: clock_ns() > begin_ns + 1_500 * _MS)

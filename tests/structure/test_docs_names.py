@@ -28,7 +28,7 @@ WORDS_ON_A_PAGE = 2_500
 
 
 @pytest.fixture(scope="module")
-def words() -> dict[Path, set[str]]:
+def source_words() -> dict[Path, set[str]]:
     """Return the words of each source, with the names of its file and folders."""
     return {
         path: {*re.findall(r"\w+", path.read_text()), path.stem, path.suffix[1:], *path.parts}
@@ -49,11 +49,11 @@ def test_files_that_a_page_names_exist(page):
 
 
 @EACH_PAGE
-def test_classes_that_a_page_names_exist(page, words):
+def test_classes_that_a_page_names_exist(page, source_words):
     if page.name == "glossary.md":
         return  # its own test; the last column has names of other projects
     found = set(re.findall(r"`([A-Z][a-z]+[A-Z]\w+)[`(.]", page.read_text(encoding="utf-8")))
-    assert found - set().union(*words.values()) == set()
+    assert found - set().union(*source_words.values()) == set()
 
 
 @EACH_PAGE
@@ -63,8 +63,8 @@ def test_no_page_is_longer_than_a_reader_reads(page):
     assert count <= WORDS_ON_A_PAGE or page.name == "CONTRIBUTING.md"
 
 
-def test_names_of_the_glossary_are_in_the_code(words):
-    code = [found for path, found in words.items() if SRC in path.parents and path.suffix != ".sh"]
+def test_names_of_the_glossary_are_in_the_code(source_words):
+    code = [w for path, w in source_words.items() if SRC in path.parents and path.suffix != ".sh"]
 
     def exists(name: str) -> bool:
         parts = set(re.findall(r"[A-Za-z_]\w*", name))

@@ -22,7 +22,7 @@ import pytest
 SRC = Path(__file__).parents[2] / "tombo_ws" / "src"
 
 MATHS = {"tombo_dynamics", "tombo_control", "tombo_collision"}
-FLOWN = {*MATHS, "tombo_bag", "tombo_sim", "tombo_px4"}
+FLIGHT_CORE = {*MATHS, "tombo_bag", "tombo_sim", "tombo_px4"}
 STUDIES = {"tombo_flight", "tombo_logs", "tombo_diagnosis"}
 MAY_IMPORT = {
     "tombo_dynamics": set(),
@@ -34,15 +34,15 @@ MAY_IMPORT = {
     "tombo_ros": {"tombo_dynamics", "tombo_bag"},
     "tombo_mocap": {"tombo_dynamics", "tombo_bag"},
     "tombo_px4": {"tombo_dynamics", "tombo_control", "tombo_bag", "tombo_sim"},
-    "tombo_flight": FLOWN,
+    "tombo_flight": FLIGHT_CORE,
     # The functions that simulate an effect are the ones that the diagnosis fits.
     "tombo_logs": {"tombo_dynamics", "tombo_bag", "tombo_px4", "tombo_flight"},
     "tombo_diagnosis": {"tombo_dynamics", "tombo_bag", "tombo_sim", "tombo_flight", "tombo_logs"},
     "tombo_propeller": {"tombo_dynamics", "tombo_bag", "tombo_control", "tombo_sim", *STUDIES},
-    "tombo": {*FLOWN, *STUDIES},
+    "tombo": {*FLIGHT_CORE, *STUDIES},
     "tombo_web": {"tombo_dynamics", "tombo_bag", "tombo_flight", "tombo_propeller"},
-    "tombo_bringup": {*FLOWN, *STUDIES, "tombo_mocap", "tombo_propeller", "tombo_web"},
-    "tombo_benchmarks": {*FLOWN, *STUDIES, "tombo_propeller", "tombo_bringup"},
+    "tombo_bringup": {*FLIGHT_CORE, *STUDIES, "tombo_mocap", "tombo_propeller", "tombo_web"},
+    "tombo_benchmarks": {*FLIGHT_CORE, *STUDIES, "tombo_propeller", "tombo_bringup"},
 }
 LIBRARIES = {
     "tombo_dynamics": {"numpy", "scipy", "numba", "yaml"},  # yaml: the paper's printed tables

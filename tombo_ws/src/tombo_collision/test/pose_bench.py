@@ -29,7 +29,7 @@ class Poses:
         after = np.maximum(self.t - at, 0.0)
         return Poses(self.t, self.position + after[:, None] * np.array(velocity), self.attitude)
 
-    def turned(self, at: float, rates: Any) -> Poses:
+    def rotate(self, at: float, rates: Any) -> Poses:
         """From `at` [s] on it turns with `rates` [rad/s, body frame] for a tenth of a second."""
         after = np.clip(self.t - at, 0.0, 0.1)
         turn = Rotation.from_rotvec(after[:, None] * np.array(rates))

@@ -57,7 +57,7 @@ def test_struck_at_rest_the_obstacle_is_where_the_push_comes_from(direction, see
 
 @pytest.mark.parametrize("rates", [(0, 0, 3.0), (0, 0, -3.0), (9.0, 0, 0), (0, -9.0, 0)])
 def test_a_kick_in_attitude_is_found(rates):
-    events, _ = watch(flight().turned(AT, rates))
+    events, _ = watch(flight().rotate(AT, rates))
     assert len(events) == 1
     assert AT < events[0].stamp_s < AT + 3.0 * STEP
 

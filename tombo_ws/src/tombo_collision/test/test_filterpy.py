@@ -16,7 +16,7 @@ from tombo_dynamics.messages import Pose
 def test_compiled_filter_agrees_with_filterpy(rate, seed):
     params = DetectorParams(trigger="none")
     poses = flight(3.0, velocity=(0.7, 0.1, -0.1), seed=seed, rate=rate)
-    poses = poses.pushed(2.0, (-0.5, 0.2, -0.3)).turned(2.0, (0.5, -0.3, 2.0))
+    poses = poses.pushed(2.0, (-0.5, 0.2, -0.3)).rotate(2.0, (0.5, -0.3, 2.0))
     detector = CollisionDetector(params)
     memory = detector.memory
     reference = ReferenceFilter()
@@ -49,7 +49,7 @@ def test_filterpy_follows_the_detector_through_faults(fault):
     params = DetectorParams()
     poses = flight(4.0, velocity=(0.7, 0.1, -0.1), seed=3, rate=30.0)
     if fault == "strike":
-        poses = poses.pushed(2.0, (-1.5, 0.2, -0.3)).turned(2.0, (0.5, -0.3, 6.0))
+        poses = poses.pushed(2.0, (-1.5, 0.2, -0.3)).rotate(2.0, (0.5, -0.3, 6.0))
     t, position = poses.t.copy(), poses.position.copy()
     later = t > 2.0
     if fault == "gap":

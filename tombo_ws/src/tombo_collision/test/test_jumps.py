@@ -15,8 +15,8 @@ from tombo_dynamics.input_check import PoseRefusal
 
 SWAPPED = 75
 """Index of the first sample that is displaced."""
-ways = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
-directions = ways.filter(lambda v: np.linalg.norm(v) > 0.1).map(lambda v: v / np.linalg.norm(v))
+vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+directions = vectors.filter(lambda v: np.linalg.norm(v) > 0.1).map(lambda v: v / np.linalg.norm(v))
 sizes = st.floats(0.2, 3.0)
 
 
@@ -96,7 +96,7 @@ def test_a_vehicle_that_rolls_over_has_not_jumped(rate):
 @pytest.mark.slow
 @settings(max_examples=30)
 @given(
-    ways.filter(lambda v: 0.3 < np.linalg.norm(v) <= 1.0),
+    vectors.filter(lambda v: 0.3 < np.linalg.norm(v) <= 1.0),
     st.floats(0.0, 4.0),
     st.sampled_from([15.0, 30.0, 100.0, 240.0]),
 )

@@ -13,7 +13,7 @@ SEEDS = range(100, 112)
 MEMORY = Workspace()
 
 
-def flown(name, *settings, seeds=SEEDS):
+def fly_seeds(name, *settings, seeds=SEEDS):
     scenario = load_scenario(name, settings)
     for seed in seeds:
         yield scenario, fly_scenario(scenario, seed, MEMORY)
@@ -26,7 +26,7 @@ def detections(record):
 @pytest.mark.slow
 def test_it_knows_where_when_and_whither_it_collided():
     where, whither, when = [], [], []
-    for scenario, record in flown("paper_collision"):
+    for scenario, record in fly_seeds("paper_collision"):
         tick = round(record.summary["collision_time_s"] * 1e3)
         event = detections(record)[0]
         x_c, n_r = np.array(event["x_c_m"]), np.array(record.summary["n_r"])
@@ -45,7 +45,7 @@ def test_it_knows_where_when_and_whither_it_collided():
 
 @pytest.mark.slow
 def test_a_known_region_alone_fires_once_and_inside_before_the_strike():
-    for scenario, record in flown("known_obstacle"):
+    for scenario, record in fly_seeds("known_obstacle"):
         p = scenario.detector
         events = detections(record)
         assert [e["trigger"] for e in events] == ["region"]
@@ -64,7 +64,7 @@ def test_a_known_region_alone_fires_once_and_inside_before_the_strike():
 def test_gaps_of_mocap_are_sat_out_level_and_are_no_collisions():
     gaps = ("effects.mocap_dropouts.probability=0.005", "effects.mocap_dropouts.duration=0.5")
     spells = 0
-    for _, record in flown("no_obstacle", *gaps, seeds=range(6)):
+    for _, record in fly_seeds("no_obstacle", *gaps, seeds=range(6)):
         blind = record.log["mode"][:, 0] == Phase.DESCEND_BLIND
         spells += int((np.diff(blind.astype(int)) == 1).sum())
         assert not record.summary["crashed"]
@@ -76,7 +76,7 @@ def test_gaps_of_mocap_are_sat_out_level_and_are_no_collisions():
 
 @pytest.mark.slow
 def test_an_unknown_obstacle_is_detected_in_time_and_never_too_early():
-    summaries = [record.summary for _, record in flown("paper_collision", seeds=range(40))]
+    summaries = [record.summary for _, record in fly_seeds("paper_collision", seeds=range(40))]
     latency = [s["detection_latency_s"] for s in summaries]
     assert np.percentile(latency, 95) <= 0.120
     assert min(latency) > 0.0
@@ -90,5 +90,5 @@ def test_an_unknown_obstacle_is_detected_in_time_and_never_too_early():
 def test_no_jump_and_no_gust_is_an_alarm_unless_the_threshold_is_tiny(share, alarms):
     threshold = share * load_scenario().detector.threshold
     settings = ("reaction.name=none", f"detector.threshold={threshold}")
-    flights = flown("aggressive", *settings, seeds=range(20))
+    flights = fly_seeds("aggressive", *settings, seeds=range(20))
     assert (sum(record.summary["false_alarms"] for _, record in flights) > 0) is alarms

@@ -35,7 +35,7 @@ def tilt_between(p, q):
     return math.acos(min(max(float(body_z(p) @ body_z(q)), -1.0), 1.0))
 
 
-def turned(q, rates):
+def rotate(q, rates):
     out = q.copy()
     rotate_by_vector(out, rates * STEP)
     return out
@@ -55,7 +55,7 @@ def test_converges_while_the_sign_of_the_quaternion_flips(setpoint, start):
     error = tilt_between(setpoint, q)
     for k in range(1600):
         sign = -1.0 if k % 2 else 1.0
-        q = turned(q, rates_for(sign * setpoint, (-sign if k % 3 else sign) * q))
+        q = rotate(q, rates_for(sign * setpoint, (-sign if k % 3 else sign) * q))
         now = tilt_between(setpoint, q)
         assert now <= error + 1e-7
         assert now < error or error < 1e-3
@@ -75,7 +75,7 @@ def test_a_yaw_error_never_bends_the_way_to_level(yaw, tilt, direction):
     across /= np.linalg.norm(across)
     q = start
     for _ in range(250):
-        q = turned(q, rates_for(UPRIGHT, q))
+        q = rotate(q, rates_for(UPRIGHT, q))
         # rates are held for a step, in which the body turns on by its yaw rate
         assert abs(float(body_z(q) @ across)) < 0.5 * STEP * LIMITS.yaw_rate_max * tilt
     assert tilt_between(UPRIGHT, q) < tilt

@@ -142,7 +142,7 @@ BAD = [
     ([], "c: 0 waypoints"),
     ([{}] * 501, "c: 501 waypoints"),
     ("x", "c: 'x' can't be read"),
-    ([{}, 4], r"c\[1\]: 4 is no mapping"),
+    ([{}, 4], r"c\[1\]: 4 is not a mapping"),
     ([{"sped": 1.0}], r"key in c\[0\].*'sped'.*speed"),
     ([{}, {}, {}, {"speed": 0.0}], r"c\[3\]\.speed: 0.0 is out of bounds"),
     ([{"speed": math.nan}], r"c\[0\]\.speed: nan"),

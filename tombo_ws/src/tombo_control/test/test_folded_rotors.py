@@ -34,7 +34,7 @@ def autopilot(share):
     return made
 
 
-def flown(share, thrust, torque):
+def allocate(share, thrust, torque):
     """Return thrust (4) that straight rotors would give, and that these give."""
     a = autopilot(share)
     a.setpoint.thrust, a.setpoint.torque = thrust, torque
@@ -50,7 +50,7 @@ def wrench(real):
 
 @given(shares, st.floats(0.0, 30.0), sizes, sizes, sizes)
 def test_no_rotor_is_asked_for_more_than_it_has(share, thrust, roll, pitch, yaw):
-    full, _ = flown(np.array(share), thrust, [roll, pitch, 0.1 * yaw])
+    full, _ = allocate(np.array(share), thrust, [roll, pitch, 0.1 * yaw])
     assert (full >= MAPS.thrust_lowest - 1e-12).all()
     assert (full <= MAPS.thrust_highest + 1e-12).all()
 
@@ -58,7 +58,7 @@ def test_no_rotor_is_asked_for_more_than_it_has(share, thrust, roll, pitch, yaw)
 @given(sizes, sizes)
 def test_with_straight_rotors_everything_is_given(roll, pitch):
     torque = [0.3 * roll, 0.3 * pitch, 0.01]
-    _, real = flown(np.ones(4), WEIGHT, torque)
+    _, real = allocate(np.ones(4), WEIGHT, torque)
     assert wrench(real) == pytest.approx((WEIGHT, *torque[:2]), abs=1e-9)
     drag = -SPIN @ real * MAPS.torque_ratio
     assert drag == pytest.approx(0.01, abs=1e-9)
@@ -71,7 +71,7 @@ def test_one_folded_rotor_leaves_weight_and_one_sense_of_tilt(folded):
     share[folded] = 0.06
     away = HUBS[folded] / np.linalg.norm(HUBS[folded])  # turns so that the folded rotor sinks
     sinks = 0.25 * np.array([-away[1], away[0], 0.0])
-    _, real = flown(share, WEIGHT, sinks)
+    _, real = allocate(share, WEIGHT, sinks)
     thrust, roll, pitch = wrench(real)
     assert thrust == pytest.approx(WEIGHT, rel=1e-6)
     assert (roll, pitch) == pytest.approx(sinks[:2], abs=1e-6)
@@ -79,10 +79,10 @@ def test_one_folded_rotor_leaves_weight_and_one_sense_of_tilt(folded):
 
 def test_tilt_comes_before_thrust_and_thrust_before_yaw():
     share = np.array([1.0, 1.0, 0.3, 1.0])
-    _, real = flown(share, 30.0, [0.2, 0.1, 0.5])
+    _, real = allocate(share, 30.0, [0.2, 0.1, 0.5])
     thrust, roll, pitch = wrench(real)
     assert (roll, pitch) == pytest.approx((0.2, 0.1), abs=1e-9)
-    _, without_yaw = flown(share, 30.0, [0.2, 0.1, 0.0])
+    _, without_yaw = allocate(share, 30.0, [0.2, 0.1, 0.0])
     assert thrust == pytest.approx(without_yaw.sum(), abs=1e-9)
 
 

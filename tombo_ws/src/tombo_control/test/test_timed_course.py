@@ -1,4 +1,4 @@
-"""A course of a file: its polynomials, what is refused, and the mission that flies it."""
+"""A course of a file: its polynomials, its errors, and the mission that flies it."""
 
 from __future__ import annotations
 
@@ -108,5 +108,5 @@ def test_the_mission_follows_it_goes_back_after_a_push_and_lands() -> None:
             began = state.course_s if began is None else began
             assert here == pytest.approx(circle(np.array(now - state.course_s)), abs=1e-3)
     assert state.mode == Phase.LAND and pushed
-    assert began is not None and state.course_s > began + 1.0  # what the way back took
+    assert began is not None and state.course_s > began + 1.0  # the duration of the way back
     assert now == pytest.approx(state.course_s + 6.0, abs=2.0 * PERIOD_S)

@@ -75,7 +75,7 @@ _LIFT_OFF_HEIGHT, _FALLEN_BACK_HEIGHT, _FALLEN_BACK_TIME_S = 0.05, 0.03, 0.3
 """m, m, s: a take-off that has been so high, and is so low again for so long, is over."""
 _SHOWS_IDLE_NS = -200_000_000
 """A commanded plan shows phase idle for so long: those behind it see it begin on the ground."""
-_LAG_S, _BRAKING, _LOOKS = 0.5, 2.0, 5
+_LAG_S, _BRAKING, _LEG_SAMPLES = 0.5, 2.0, 5
 """s, m/s^2: the vehicle follows the reference so late, and brakes so; points of that way."""
 _DRIFT = 0.05
 """m: a waiting reference follows the vehicle when it is further away."""
@@ -236,8 +236,8 @@ def _is_too_near(memory: MissionMemory, now_s: float) -> bool:
         return _is_taken(memory)
     leg = memory.leg
     ahead_s = _LAG_S + norm(leg.velocity) / (2.0 * _BRAKING)
-    for k in range(_LOOKS):
-        memory.refused = leg_position(leg, now_s + ahead_s * k / (_LOOKS - 1))
+    for k in range(_LEG_SAMPLES):
+        memory.refused = leg_position(leg, now_s + ahead_s * k / (_LEG_SAMPLES - 1))
         if _is_taken(memory):
             return True
     return False
@@ -490,10 +490,10 @@ class MissionCore(Core):
             self.health.report_event("odometry_not_finite", "odometry with NaN or infinity")
 
     def expect_others(self, count: int) -> None:
-        """Keep away from so many other vehicles; until each is seen the plan does not begin.
+        """Keep away from `count` other vehicles; the plan waits until the place of each is known.
 
         Raises:
-            InputError: more than there is room for.
+            InputError: `count` is above MOST_OTHERS.
         """
         if count > MOST_OTHERS:
             raise InputError(f"others: {count} vehicles; accepted: at most {MOST_OTHERS}")

@@ -12,7 +12,7 @@ from tombo_flight.scenario import load_scenario, with_settings
 SOONER = ("mission.approach_time=6", "duration=11")
 
 
-def flown(name, *settings):
+def fly_named(name, *settings):
     """Return a flight that is over soon after the contact, and the tick of the contact."""
     record = fly_scenario(load_scenario(name, (*SOONER, *settings)), 5000)
     return record, round(record.summary["collision_time_s"] / 1e-3)
@@ -33,7 +33,7 @@ def flown(name, *settings):
     ],
 )
 def test_a_collision_is_the_one_that_its_name_says(name, rotor, to_nose, speed):
-    record, contact = flown(name, f"mission.approach_speed={speed}")
+    record, contact = fly_named(name, f"mission.approach_speed={speed}")
     assert record.summary["contact_rotor"] == rotor
     velocity = record.log["velocity"][contact - 1]
     course = math.atan2(velocity[1], velocity[0])

@@ -28,7 +28,7 @@ TICKS = {POSE: 33, IMU: 1, ODOMETRY: 4, "/detector/status": 33}
 ONCE = ("/goal_pose", COLLISION, "/contact_event")
 COUNTS = ("/detector/status", "/estimator/status")
 """Topics that count refused messages."""
-BEGUN = 1200
+BEGIN_TICK = 1200
 """Ticks after which every core does what it does in flight."""
 MS = 1_000_000
 NOWHERE = np.array([0.0, 0.0, nan])
@@ -110,7 +110,7 @@ def same(one: Any, other: Any) -> bool:
 def test_a_bad_message_is_reported_and_changes_nothing(name, topic, changed, age_ms, key):
     disturbed, other = Hovering(name), Hovering(name)
     for flight in (disturbed, other):
-        flight.run(BEGUN)
+        flight.run(BEGIN_TICK)
     assert key not in disturbed.events
     disturbed.send(topic, stamp_ns=disturbed.now_ns - age_ms * MS, **changed)
     assert key in disturbed.events
@@ -139,18 +139,18 @@ def test_a_bad_message_is_reported_and_changes_nothing(name, topic, changed, age
 )
 def test_silence_is_a_fault_until_it_is_over(name, topics, silent_ms, key):
     flight = Hovering(name)
-    flight.run(BEGUN)
+    flight.run(BEGIN_TICK)
     assert key not in flight.core.health.faults
     flight.run(silent_ms, without=topics)
     assert key in flight.core.health.faults
     if key != "blind" or name != "controller":  # that one goes down
-        flight.run(BEGUN)
+        flight.run(BEGIN_TICK)
         assert key not in flight.core.health.faults
 
 
 def test_a_pose_that_comes_late_is_used_and_reported():
     flight = Hovering("detector")
-    flight.run(BEGUN, without=(POSE,))
+    flight.run(BEGIN_TICK, without=(POSE,))
     flight.send(POSE, stamp_ns=flight.now_ns - 150 * MS)
     assert flight.events == {"mocap_late"}
     assert not flight.core.memory.refused.any()
@@ -169,7 +169,7 @@ def test_a_pose_that_comes_late_is_used_and_reported():
 )
 def test_of_two_publishers_nobody_is_believed(name, topic):
     flight = Hovering(name)
-    flight.run(BEGUN)
+    flight.run(BEGIN_TICK)
     memory, moved = flight.core.memory, {} if topic == IMU else {"position": np.full(3, 0.01)}
     if name == "detector":  # all else counts refused poses
         memory = memory.detector
@@ -187,7 +187,7 @@ def test_of_two_publishers_nobody_is_believed(name, topic):
 def test_after_a_restart_of_the_simulation_a_set_point_of_before_lifts_nothing_off():
     flight = Hovering("controller")
     flight.core.clock_slack_ns = 20 * MS
-    assert min(dict(flight.run(BEGUN))["/rotor_command"].speed) > 300.0
+    assert min(dict(flight.run(BEGIN_TICK))["/rotor_command"].speed) > 300.0
     old_ns, flight.tick = flight.now_ns, flight.tick - 5000
     flight.run(60, without=(SETPOINT,))
     flight.send(SETPOINT, stamp_ns=old_ns)

@@ -27,7 +27,7 @@ PAPER: Scenario = load_scenario()
 EMPTY: Scenario = load_scenario("no_obstacle")
 
 
-def beside(x, y, z):
+def offset_by(x, y, z):
     """A place at a distance from x_r."""
     return X_R + np.array([x, y, z])
 
@@ -96,7 +96,7 @@ class Made:
 def collision():
     """Contact, detection 40 ms later, away from x_r for 3 s, then there."""
     made = Made().touched().detected(CONTACT + 0.03, CONTACT + 0.04).reacted()
-    return made.set("position", CONTACT, CONTACT + 3.0, beside(0.5, 0.0, 0.0))
+    return made.set("position", CONTACT, CONTACT + 3.0, offset_by(0.5, 0.0, 0.0))
 
 
 def times(events, kind):
@@ -189,14 +189,14 @@ def test_recovered_when_near_and_slow_for_a_second_before_landing():
     assert made.figures()["recovery_time_s"] == pytest.approx(3.0)
     made.set("velocity", CONTACT + 3.0, CONTACT + 3.2, [0.0, 0.11, 0.0])
     assert made.figures()["recovery_time_s"] == pytest.approx(3.2)
-    made.set("position", CONTACT + 4.1, CONTACT + 4.15, beside(0.0, 0.0, 0.101))
+    made.set("position", CONTACT + 4.1, CONTACT + 4.15, offset_by(0.0, 0.0, 0.101))
     assert made.figures()["recovery_time_s"] == pytest.approx(4.15)
-    made.set("position", CONTACT + 6.0, CONTACT + 7.0, beside(0.0, 0.09, 0.0))
+    made.set("position", CONTACT + 6.0, CONTACT + 7.0, offset_by(0.0, 0.09, 0.0))
     assert made.figures()["recovery_time_s"] == pytest.approx(4.15)
 
 
 def test_settled_error_is_the_mean_distance_until_landing():
-    made = collision().set("position", CONTACT + 3.0, 99.0, beside(0.03, 0.04, 0.0))
+    made = collision().set("position", CONTACT + 3.0, 99.0, offset_by(0.03, 0.04, 0.0))
     made.set("mode", 12.0, 99.0, Phase.LAND).set("position", 12.0, 99.0, 0.18, axis=2)
     figures, events = made.summary()
     assert figures["settled_error_m"] == pytest.approx(0.05)
@@ -207,7 +207,7 @@ def test_not_recovered_without_reaction_or_at_another_place():
     without = collision()
     without.reactions.clear()
     elsewhere = collision()
-    elsewhere.reactions[0] = replace(elsewhere.reactions[0], x_r=beside(0.0, 0.2, 0.0))
+    elsewhere.reactions[0] = replace(elsewhere.reactions[0], x_r=offset_by(0.0, 0.2, 0.0))
     for made in (without, elsewhere):
         assert made.figures()["recovery_time_s"] is None
         assert made.figures()["settled_error_m"] is None
@@ -326,9 +326,9 @@ def test_strikes_and_broken_rotors_are_counted():
 
 def test_tracking_is_measured_before_contact_only():
     made = collision()
-    made.set("position", 1.5, 2.5, beside(0.03, 0.04, 0.0))
+    made.set("position", 1.5, 2.5, offset_by(0.03, 0.04, 0.0))
     made.set("mode", 2.5, CONTACT, Phase.APPROACH)
-    made.set("position", 2.5, CONTACT, beside(0.0, 0.0, 0.12))
+    made.set("position", 2.5, CONTACT, offset_by(0.0, 0.0, 0.12))
     figures = made.figures()
     assert figures["hover_rms_m"] == pytest.approx(0.05)
     assert figures["approach_rms_m"] == pytest.approx(0.12)

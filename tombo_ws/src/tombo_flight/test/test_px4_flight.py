@@ -99,15 +99,15 @@ def test_a_stop_ends_the_waiting():
 
 
 @pytest.fixture(scope="module")
-def flown() -> Flight:
+def flight() -> Flight:
     return fly_scenario(load_scenario(settings=["mission.approach_time=5.5"]), 0)
 
 
 @pytest.fixture(scope="module")
-def real(flown: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def real(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The recording of a real vehicle: no ground truth."""
     folder = tmp_path_factory.mktemp("bag")
-    write_mcap(flown, folder / "whole.mcap")
+    write_mcap(flight, folder / "whole.mcap")
     return without(folder / "whole.mcap", folder / "real.mcap", "/ground_truth")
 
 
@@ -119,8 +119,8 @@ def without(source: Path, target: Path, prefix: str) -> Path:
 
 
 @pytest.mark.slow
-def test_of_a_real_vehicle_the_mocap_is_what_is_known(flown, real):
-    found, wanted = read_flight(real).summary, flown.summary
+def test_of_a_real_vehicle_the_mocap_is_what_is_known(flight, real):
+    found, wanted = read_flight(real).summary, flight.summary
 
     assert found["known_from"] == "mocap"
     assert "known_from" not in wanted
@@ -273,7 +273,7 @@ def test_a_px4_that_signs_wants_a_key_on_this_side(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
+def test_the_summary_tells_what_the_bridge_has_told(flight, tmp_path):
     path = tmp_path / "flight.mcap"
     states = [
         (0.5, {"mode": "hold", "stage": "ready"}),
@@ -292,7 +292,7 @@ def test_the_summary_tells_what_the_bridge_has_told(flown, tmp_path):
         ]
     }  # fmt: skip
     with McapSink(path) as sink:
-        write_flight(sink, flown)
+        write_flight(sink, flight)
         for spec, times, messages in (
             (PX4_STATUS, [t for t, _ in states], [status(t, **more) for t, more in states]),
             (DIAGNOSTICS, [2.0], [encode(DIAGNOSTICS.typename, report)]),

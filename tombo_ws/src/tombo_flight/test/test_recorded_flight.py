@@ -33,14 +33,14 @@ LOOSE = {  # largest change by a truth of 250 Hz in place of 1 kHz
 
 
 @pytest.fixture(scope="module")
-def flown() -> Flight:
+def flight() -> Flight:
     return fly_scenario(load_scenario(settings=["mission.approach_time=5.5"]), 0)
 
 
 @pytest.fixture(scope="module")
-def headless(flown: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def headless(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("bag") / "flight.mcap"
-    write_mcap(flown, path)
+    write_mcap(flight, path)
     return path
 
 
@@ -70,32 +70,32 @@ def kinds(record: Flight) -> list[tuple[str, float]]:
     return [(str(event["kind"]), float(event["time_s"])) for event in record.events]
 
 
-def test_a_headless_flight_read_back_has_the_same_figures_and_events(flown, headless):
+def test_a_headless_flight_read_back_has_the_same_figures_and_events(flight, headless):
     found = read_flight(headless, wall_time_s=2.0)
 
-    assert_same_figures(found.summary, flown.summary)
+    assert_same_figures(found.summary, flight.summary)
     assert found.summary["collided"] and found.summary["detected"]
     assert found.summary["wall_time_s"] == 2.0
-    assert [kind for kind, _ in kinds(found)] == [kind for kind, _ in kinds(flown)]
-    for (_, at_s), (_, wanted_s) in zip(kinds(found), kinds(flown), strict=True):
+    assert [kind for kind, _ in kinds(found)] == [kind for kind, _ in kinds(flight)]
+    for (_, at_s), (_, wanted_s) in zip(kinds(found), kinds(flight), strict=True):
         assert at_s == pytest.approx(wanted_s, abs=0.021)
-    assert found.scenario == flown.scenario
-    assert found.t == pytest.approx(flown.t, abs=1e-12)
-    poses, wanted = found["/mocap/pose"], flown["/mocap/pose"]
+    assert found.scenario == flight.scenario
+    assert found.t == pytest.approx(flight.t, abs=1e-12)
+    poses, wanted = found["/mocap/pose"], flight["/mocap/pose"]
     assert np.array_equal(poses["position"].values, wanted["position"].values)
     assert poses.arrival == pytest.approx(wanted.arrival, abs=1e-8)
 
 
-def test_a_recording_has_the_topics_and_the_fields_of_the_flight(flown, headless):
+def test_a_recording_has_the_topics_and_the_fields_of_the_flight(flight, headless):
     """In flight time, with the same values: a flight is one thing, flown or read."""
     found = read_flight(headless)
 
     left_out = {"/tf", "/estimator/status", "/mission/setpoint"}  # not needed of a recording
-    assert set(flown.topics) - left_out == set(found.topics) - {"/markers"}
+    assert set(flight.topics) - left_out == set(found.topics) - {"/markers"}
     for name in found.topics:
         if name == "/markers":
             continue
-        topic, wanted = found[name], flown[name]
+        topic, wanted = found[name], flight[name]
         assert topic.t == pytest.approx(wanted.t, abs=1e-9), name
         assert topic.arrival == pytest.approx(wanted.arrival, abs=1e-8), name
         for field, series in wanted.items():
@@ -106,21 +106,21 @@ def test_a_recording_has_the_topics_and_the_fields_of_the_flight(flown, headless
                 assert np.allclose(topic[field].values, values, rtol=1e-6, equal_nan=True), field
 
 
-def test_what_is_recorded_less_often_comes_back_close(flown, headless):
+def test_what_is_recorded_less_often_comes_back_close(flight, headless):
     log = read_flight(headless).log
 
     for name, most in (("position", 2e-3), ("est_position", 5e-3), ("attitude", 5e-3)):
-        known = np.isfinite(flown.log[name][:, 0])  # no estimates before the first
+        known = np.isfinite(flight.log[name][:, 0])  # no estimates before the first
         assert known[200:].all()
-        assert np.abs(log[name] - flown.log[name])[known].max() < most
-    still = flown.log["contact"][:, 0] == 0.0
-    assert np.abs(log["velocity"] - flown.log["velocity"])[still].max() < 0.2
-    assert np.array_equal(log["contact"][:, 0], flown.log["contact"][:, 0])
-    wrong = log["mode"] != flown.log["mode"]
+        assert np.abs(log[name] - flight.log[name])[known].max() < most
+    still = flight.log["contact"][:, 0] == 0.0
+    assert np.abs(log["velocity"] - flight.log["velocity"])[still].max() < 0.2
+    assert np.array_equal(log["contact"][:, 0], flight.log["contact"][:, 0])
+    wrong = log["mode"] != flight.log["mode"]
     assert not wrong.any()
 
 
-def test_a_flight_of_today_with_losses_begins_at_its_first_pose(flown, headless, reread):
+def test_a_flight_of_today_with_losses_begins_at_its_first_pose(flight, headless, reread):
     """As the nodes record it: stamps since 1970, best effort, no epoch in the file."""
     rng = np.random.default_rng(0)
 
@@ -136,12 +136,12 @@ def test_a_flight_of_today_with_losses_begins_at_its_first_pose(flown, headless,
         metadata=metadata_of(headless, "epoch_ns"),
     )  # fmt: skip
 
-    assert_same_figures(found.summary, flown.summary)
+    assert_same_figures(found.summary, flight.summary)
     assert found.t[0] == 0.0
-    assert found.t.size == flown.t.size
+    assert found.t.size == flight.t.size
 
 
-def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, reread):
+def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flight, reread):
     """Simulated time at twice the speed: the recorder's clock goes half as fast."""
 
     def log_time(stamps: np.ndarray) -> np.ndarray:
@@ -154,13 +154,13 @@ def test_a_recorder_on_another_clock_knows_when_a_collision_was_known(flown, rer
     found = reread(log_time=log_time, keep=keep)
 
     assert found.summary["detection_latency_s"] == pytest.approx(
-        flown.summary["detection_latency_s"], abs=2e-6
+        flight.summary["detection_latency_s"], abs=2e-6
     )
-    wanted = flown["/mocap/pose"].arrival
+    wanted = flight["/mocap/pose"].arrival
     assert found["/mocap/pose"].arrival == pytest.approx(wanted, abs=2e-6)
 
 
-def test_time_begins_shortly_before_the_missions_first_word(flown, headless, reread):
+def test_time_begins_shortly_before_the_missions_first_word(flight, headless, reread):
     """The simulator is there before all nodes are; three poses and a step go before the word."""
 
     def keep(topic: str, count: int) -> np.ndarray:
@@ -168,11 +168,11 @@ def test_time_begins_shortly_before_the_missions_first_word(flown, headless, rer
 
     found = reread(keep=keep, metadata=metadata_of(headless, "epoch_ns"))
 
-    begun_s = flown.t[flown.log["mode"][:, 0] > 0.0][0]
-    contact_s = flown.summary["collision_time_s"] - found.summary["collision_time_s"]
+    begun_s = flight.t[flight.log["mode"][:, 0] > 0.0][0]
+    contact_s = flight.summary["collision_time_s"] - found.summary["collision_time_s"]
     assert contact_s == pytest.approx(begun_s - 0.12, abs=0.0041)
     assert found.t[0] == 0.0
-    captured = [one["/mocap/pose"].t[0] for one in (found, flown)]
+    captured = [one["/mocap/pose"].t[0] for one in (found, flight)]
     assert captured[0] == pytest.approx(captured[1] - contact_s, abs=1e-6)
 
 
@@ -181,7 +181,7 @@ def set_points(most: int) -> Callable[[str, int], np.ndarray]:
     return lambda topic, count: np.arange(count) < (most if topic == "/setpoint" else count)
 
 
-def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, reread):
+def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flight, reread):
     """The mission does not know of it: only the set point has it.
 
     Set points begin with the estimates, and the 200th is followed a tick after it is published.
@@ -195,9 +195,9 @@ def test_a_descent_that_the_reaction_orders_is_the_mode_flown(flown, reread):
         return [*messages[:200], *edited]
 
     mode = reread(edit=edit, keep=set_points(250)).log["mode"][:, 0]
-    descent = round(flown["/setpoint"].arrival[200] / TICK_S) + 1
+    descent = round(flight["/setpoint"].arrival[200] / TICK_S) + 1
 
-    assert np.array_equal(mode[:descent], flown.log["mode"][:descent, 0])
+    assert np.array_equal(mode[:descent], flight.log["mode"][:descent, 0])
     assert (mode[descent : descent + 1000] == 8).all()
 
 

@@ -1,4 +1,4 @@
-"""The URDF of a vehicle: what a reader computes from it, as robot_state_publisher would."""
+"""The URDF of a vehicle, read as robot_state_publisher would."""
 
 from xml.etree import ElementTree
 

@@ -13,7 +13,7 @@ from tombo_flight.builtin_files import builtin_vehicles
 from tombo_flight.scenario import load_scenario
 from tombo_flight.vehicle_file import read_vehicle, vehicle_from_text, write_vehicle
 
-OWN = """
+TEXT = """
 tombo_vehicle: 1
 name: My S500
 vehicle:
@@ -51,7 +51,7 @@ def test_each_value_of_a_preset_has_a_source():
 
 
 def test_values_with_and_without_notes_are_read():
-    file = vehicle_from_text(OWN, "own")
+    file = vehicle_from_text(TEXT, "own")
     assert file.vehicle.mass == 1.5
     assert file.tolerance("vehicle.mass") == 0.005 and file.tolerance("vehicle.arm_length") is None
     assert file.notes["propeller.k_thrust"].source == "stand"
@@ -61,9 +61,9 @@ def test_values_with_and_without_notes_are_read():
 def test_what_is_left_out_has_the_vehicles_own_size():
     """By dimensions: half the mass on half the arm has an eighth of the inertia."""
     half = (
-        OWN.replace("value: 1.5", "value: 0.75").replace("0.24", "0.12").replace("0.127", "0.05")
+        TEXT.replace("value: 1.5", "value: 0.75").replace("0.24", "0.12").replace("0.127", "0.05")
     )
-    small, own = vehicle_from_text(half, "half").vehicle, vehicle_from_text(OWN, "own").vehicle
+    small, own = vehicle_from_text(half, "half").vehicle, vehicle_from_text(TEXT, "own").vehicle
     assert small.inertia_xx == pytest.approx(own.inertia_xx / 8.0)
     sag = [v.mass / v.ground_stiffness for v in (small, own)]
     assert sag[0] == pytest.approx(sag[1])
@@ -86,17 +86,17 @@ def test_what_is_left_out_has_the_vehicles_own_size():
         ("radius: 0.127", "radius: 0.127\n  curve: [[1, 2]]", ("propeller.curve[0]", "rows")),
         ("value: 1.5", "value: 1.5}\n  rotor_speed_max: {value: 300", ("k_thrust", "at most")),
         ("tombo_vehicle: 1", "tombo_vehicle: 2", ("tombo_vehicle: 2", "accepted: 1")),
-        (OWN[OWN.index("propeller"):], "", ("propeller: missing",)),
-        (OWN, "[1, 2]", ("tombo_vehicle",)),
+        (TEXT[TEXT.index("propeller"):], "", ("propeller: missing",)),
+        (TEXT, "[1, 2]", ("tombo_vehicle",)),
         ("vehicle:\n", "vehicle: {\n", ("YAML",)),
         ("name: My S500", "name: x\neffects: {linear_rotor_drag: 3}", ("linear_rotor_drag", "3")),
         ("name: My S500", "name: x\ncontrol: {rate_p: 1000}", ("control.rate_p", "1000")),
     ],
 )  # fmt: skip
 def test_a_wrong_file_is_refused_in_one_line(old, new, words):
-    assert old in OWN
+    assert old in TEXT
     with pytest.raises(InputError) as caught:
-        vehicle_from_text(OWN.replace(old, new, 1), "vehicle file 'v.yaml'")
+        vehicle_from_text(TEXT.replace(old, new, 1), "vehicle file 'v.yaml'")
     message = str(caught.value)
     assert "v.yaml" in message and "\n" not in message
     for word in words:
@@ -104,7 +104,7 @@ def test_a_wrong_file_is_refused_in_one_line(old, new, words):
 
 
 def test_settings_win_over_the_file_and_the_file_over_the_scenario(tmp_path):
-    (tmp_path / "own.yaml").write_text(OWN)
+    (tmp_path / "own.yaml").write_text(TEXT)
     (tmp_path / "flight.yaml").write_text("extends: rigid_propeller\nvehicle: own.yaml\n")
     by_scenario = load_scenario(str(tmp_path / "flight.yaml"))
     assert by_scenario.propeller.plain and by_scenario.vehicle.mass == 1.5

@@ -61,7 +61,7 @@ def _no_ros(monkeypatch):
     monkeypatch.setattr(operator_requests.rclpy, "spin_once", lambda node, timeout_sec: None)
 
 
-def asked(nodes: Nodes, name: str, monkeypatch: pytest.MonkeyPatch) -> dict:
+def request(nodes: Nodes, name: str, monkeypatch: pytest.MonkeyPatch) -> dict:
     """The answer to a key, however long it takes."""
     requests = OperatorRequests(nodes)
     answers = requests.read(f"{name}\n")
@@ -80,7 +80,7 @@ def asked(nodes: Nodes, name: str, monkeypatch: pytest.MonkeyPatch) -> dict:
 @pytest.mark.parametrize("key", ["hold", "land", "kill"])
 def test_every_key_works_with_every_other_node_dead(key, node, how, px4, monkeypatch):
     nodes = Nodes(px4=px4, **{how: node})
-    answer = asked(nodes, key, monkeypatch)
+    answer = request(nodes, key, monkeypatch)
 
     done = [DOES[name] for name in nodes.called if name in DOES]
     # without the mission nobody holds a vehicle of our controller: it lands
@@ -93,17 +93,17 @@ def test_every_key_works_with_every_other_node_dead(key, node, how, px4, monkeyp
 
 def test_what_nobody_obeys_is_refused_with_the_reasons(monkeypatch):
     nodes = Nodes(px4=True, dead="mission", refuses=("px4/hold", "px4/land"))
-    answer = asked(nodes, "hold", monkeypatch)
+    answer = request(nodes, "hold", monkeypatch)
     assert not answer["success"]
     assert answer["message"] == (
         "px4/hold: not now; land instead; no node offers mission/land; px4/land: not now"
     )
-    assert not asked(Nodes(px4=False, silent="controller"), "kill", monkeypatch)["success"]
+    assert not request(Nodes(px4=False, silent="controller"), "kill", monkeypatch)["success"]
 
 
 def test_on_the_ground_land_takes_the_take_off_back(monkeypatch):
     for px4, first in ((True, "px4/land"), (False, "controller/abort")):
         nodes = Nodes(px4=px4, refuses=(first,))
-        answer = asked(nodes, "land", monkeypatch)
+        answer = request(nodes, "land", monkeypatch)
         assert answer["success"] and nodes.called == ["mission/land"]
         assert f"{first}: not now" in answer["message"]

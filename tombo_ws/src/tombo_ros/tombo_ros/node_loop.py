@@ -289,7 +289,7 @@ class LoopNode(ABC):
         elif wall_ns - self._reported_ns > SECOND_NS or self.health.urgent:
             if wall_ns - self._reported_ns > SECOND_NS:
                 self._reported_ns = wall_ns
-                gc.collect(0)  # what the last second left: some microseconds
+                gc.collect(0)  # the garbage of the last second: some microseconds
             self.report(now_ns)
 
     def report(self, now_ns: int) -> None:

@@ -121,7 +121,7 @@ def _page(fit: VehicleFit, output: Path) -> Page:
             f"{figure(value.value)} {unit(value.unit)}".strip(),
             f"{figure(value.low)} to {figure(value.high)}",
         )
-        for label, value in fit.seen.items()
+        for label, value in fit.fitted.items()
     ]
     drive, lines = fit.file.drive, []
     if drive.known:
@@ -129,7 +129,7 @@ def _page(fit: VehicleFit, output: Path) -> Page:
             f"Drive: a rotor's thrust is ({figure(drive.offset)} + {figure(drive.gain)} command) "
             f"(V / {figure(drive.supply)})^{figure(drive.supply_exponent)} N"
         )
-    doubts = [f"Not shown by these flights, as before: {text}." for text in fit.unseen]
+    doubts = [f"Not shown by these flights, as before: {text}." for text in fit.unknown]
     healthy = fit.file.healthy
     assert healthy is not None
     most = f"A diagnosis with this vehicle is at most {healthy_confidence(healthy):.0%} confident."
@@ -164,8 +164,8 @@ def _page(fit: VehicleFit, output: Path) -> Page:
         ],
         data={
             "name": fit.file.name,
-            "fitted": {label: dataclasses.asdict(value) for label, value in fit.seen.items()},
-            "unseen": list(fit.unseen),
+            "fitted": {label: dataclasses.asdict(value) for label, value in fit.fitted.items()},
+            "unseen": list(fit.unknown),
             "accused": dict(fit.accused),
             "file": vehicle_text(fit.file),
         },

@@ -1,7 +1,7 @@
 """The reactions to a collision by name, one file each; a file in this folder is all it takes.
 
 A reaction is a frozen dataclass of its parameters (`tombo_dynamics.params.param`: value, unit,
-bounds, meaning) with a `name`, what it `needs`, and a method `begin`. Scenarios
+bounds, meaning) with a `name`, its `needs`, and a method `begin`. Scenarios
 (`reaction: {name: bounce}`), `--set reaction.distance=1`, `tombo list reactions`, the
 node's parameters, the documentation and the generic tests follow.
 """

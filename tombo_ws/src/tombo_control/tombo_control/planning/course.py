@@ -77,7 +77,7 @@ def read_course(name: str, given: object) -> Course | str | None:
         f"accepted: a list of 1 to {MOST_WAYPOINTS} waypoints, the path of a CSV, or null for none"
     )
     if not isinstance(given, list | tuple):
-        raise InputError(f"{name}: {shown(given)} is no list; {accepted}")
+        raise InputError(f"{name}: {shown(given)} is not a list; {accepted}")
     if not 1 <= len(given) <= MOST_WAYPOINTS:
         raise InputError(f"{name}: {len(given)} waypoints; {accepted}")
     return tuple(_waypoint(f"{name}[{i}]", each) for i, each in enumerate(given))
@@ -87,7 +87,7 @@ def _waypoint(name: str, given: object) -> Waypoint:
     if isinstance(given, Waypoint):
         given = dataclasses.asdict(given)
     if not isinstance(given, Mapping):
-        raise InputError(f"{name}: {shown(given)} is no mapping of a waypoint's parameters")
+        raise InputError(f"{name}: {shown(given)} is not a mapping of parameters")
     known = {key: value for key, value in given.items() if value is not None}
     return from_mapping(Waypoint, known, name)
 

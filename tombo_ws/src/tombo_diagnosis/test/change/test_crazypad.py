@@ -53,7 +53,7 @@ def test_what_is_reported_is_right_and_covers_most_conditions(healthy):
 
 
 def test_no_healthy_flight_is_named(healthy):
-    """Neither one against the others, nor those of the second day against the first's."""
+    """One against the others, and the second day against the first."""
     sides = [([one], [log for log in healthy if log is not one]) for one in healthy]
     for new, old in (*sides, (healthy[3:], healthy[:3])):
         assert diagnose_change(new, old, NOMINAL())[0].verdict == "none", new[0].name

@@ -15,7 +15,7 @@ INERTIA = np.array([1.5e-5, 2.0e-5])
 OFFSET, CURVATURE = 0.02, 0.12
 
 
-def flown(seed, noise=1.0):
+def fly_log(seed, noise=1.0):
     """A flight whose commands are drawn; its rates are kept small by a weak damping."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 25.0, 0.001)
@@ -36,7 +36,7 @@ def flown(seed, noise=1.0):
 
 
 def test_lag_thrust_and_inertia_are_found_again():
-    flights = [inertial_flight(flown(seed)) for seed in (0, 1)]
+    flights = [inertial_flight(fly_log(seed)) for seed in (0, 1)]
     fit = fit_inertial(flights, MASS, ARM)
     assert fit.lag + fit.delay == pytest.approx(LAG, rel=0.1)
     assert fit.inertia == pytest.approx(INERTIA, rel=0.05)
@@ -46,7 +46,7 @@ def test_lag_thrust_and_inertia_are_found_again():
 
 
 def test_what_is_missing_is_said():
-    log = flown(0)
+    log = fly_log(0)
     short = log.with_series({k: s for k, s in log.series.items() if k != "accel"})
     with pytest.raises(InputError, match="no accel; without poses needed: gyro, accel"):
         inertial_flight(short)

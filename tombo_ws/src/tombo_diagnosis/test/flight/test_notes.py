@@ -1,4 +1,4 @@
-"""What a diagnosis of flights says: its gain, and its limits."""
+"""Texts of a diagnosis of flights: its gain, and its limits."""
 
 from tombo_diagnosis.flight.summary_text import gain_sentence
 from tombo_flight.extended_model import Gain

@@ -13,7 +13,7 @@ from tombo_flight.extended_model import Gain
 
 
 def gain_sentence(gains: Sequence[Gain]) -> str:
-    """Return what the best prediction gains; empty where no gain is clear of zero."""
+    """Return the gain of the best prediction, in a sentence; empty where none is above zero."""
     steps = [
         g for g in gains if g.horizon == "one step" and g.reduction > 0.05 and not g.low <= 0.0
     ]

@@ -79,10 +79,10 @@ class VehicleFit:
     """A vehicle as its flights show it."""
 
     file: VehicleFile
-    seen: Mapping[str, FittedParameter]
+    fitted: Mapping[str, FittedParameter]
     """Fitted parameter -> the value with its 95 % interval, as a change of the base."""
-    unseen: tuple[str, ...]
-    """What these flights could not show, and so is as in the base."""
+    unknown: tuple[str, ...]
+    """Parameters that these flights do not show; they stay as in the base."""
     accused: Mapping[str, str] = field(default_factory=dict)
     """Healthy flight in which the vehicle of the others finds something -> what it finds."""
 

@@ -50,7 +50,7 @@ def write_stand(folder: OutputFolder, stand: StandDiagnosis, date: str) -> None:
     if extends(lasting):
         tool = f"tombo propeller diagnose {tombo_version()}"
         model = model_of(
-            lasting, tool=tool, date=date, scenario=lasting.model, base=stand.given,
+            lasting, tool=tool, date=date, scenario=lasting.model, base=stand.earlier_model,
             registry=STAND_EFFECTS,
         )  # fmt: skip
         write_model(folder / MODEL, model)

@@ -31,7 +31,7 @@ class StandDiagnosis:
     findings: StandAnalysis
     constant: ThrustConstant | None
     """Of a plain propeller."""
-    given: Model | None = None
+    earlier_model: Model | None = None
     """Model of earlier runs, that these were compared with."""
 
 

@@ -43,7 +43,7 @@ def study(seeds=range(3), axes=AXES, settings=SHORT, name="hover"):
     return new_sweep(name, SweepDesign(tuple(parse_axis(text) for text in axes)), seeds, settings)
 
 
-def flown(folder, what=None, **options):
+def fly_table(folder, what=None, **options):
     what = what or study()
     with open_sweep(folder, what) as opened:
         assert fly_sweep(opened, **{"workers": 1, **options}) is not None
@@ -53,7 +53,7 @@ def flown(folder, what=None, **options):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
-    return folder, flown(folder)
+    return folder, fly_table(folder)
 
 
 @pytest.mark.slow
@@ -108,14 +108,14 @@ def test_a_sweep_goes_on_where_it_was_stopped_and_flies_nothing_twice(
     torn.write_bytes(b"PAR1")  # killed while it wrote
     kept_part = min(parts.glob("0*.parquet"))
     content = kept_part.read_bytes()
-    table = flown(tmp_path / "s")
+    table = fly_table(tmp_path / "s")
     assert not parts.exists()
     assert sorted(flights) == list(range(18))
     assert table.equals(whole[1])
 
     parts.mkdir()
     kept_part.write_bytes(content)  # killed between the table and the removal of its parts
-    assert flown(tmp_path / "s").equals(whole[1])
+    assert fly_table(tmp_path / "s").equals(whole[1])
     assert sorted(flights) == list(range(18))
 
 
@@ -137,7 +137,7 @@ def test_dask_gives_the_same_table_even_if_a_worker_is_killed(tmp_path, whole):
                 os.kill(victims[0], signal.SIGKILL)
             told.append(kept)
 
-        table = flown(tmp_path / "s", scheduler=cluster.scheduler_address, progress=kill_one)
+        table = fly_table(tmp_path / "s", scheduler=cluster.scheduler_address, progress=kill_one)
 
     assert told
     assert table.equals(whole[1])
@@ -146,7 +146,7 @@ def test_dask_gives_the_same_table_even_if_a_worker_is_killed(tmp_path, whole):
 @pytest.mark.slow
 def test_a_point_that_can_not_be_flown_is_a_row_that_says_why(tmp_path):
     axes = ("vehicle.arm_length=0.2,0.35", "vehicle.mass=1.2,4.0")
-    table = flown(tmp_path / "s", study(range(1), axes)).to_pylist()
+    table = fly_table(tmp_path / "s", study(range(1), axes)).to_pylist()
     assert [row["error"] is None for row in table] == [True, False, True, False]
     assert "vehicle.mass 4 kg" in table[1]["error"]
     page = (tmp_path / "s" / "sweep.html").read_text()
@@ -190,7 +190,7 @@ def test_two_processes_can_not_fly_the_same_sweep(tmp_path):
 @pytest.mark.slow
 def test_the_worst_flight_is_on_the_page_with_its_command(tmp_path):
     what = study(range(2), ("vehicle.mass=1.2,1.25",), (), "rigid_propeller")
-    table = flown(tmp_path / "s", what).to_pandas()
+    table = fly_table(tmp_path / "s", what).to_pandas()
     crashes = table[table["crashed"]]
     assert len(crashes)
     page = (tmp_path / "s" / "sweep.html").read_text()
@@ -209,7 +209,7 @@ def test_cases_of_a_file_are_flown_with_their_settings(tmp_path, monkeypatch):
         "cases:\n  hover: {}\n  high: {scenario: hover, mission.height: 2.5}\n"
     )
     axes = ("vehicle.mass=1.2,1.3",)
-    table = flown(tmp_path / "s", study(range(1), axes, SHORT, "mine.yaml,no_obstacle"))
+    table = fly_table(tmp_path / "s", study(range(1), axes, SHORT, "mine.yaml,no_obstacle"))
     rows = table.to_pylist()
     assert [row["case"] for row in rows] == [
         n for n in ("hover", "high", "no_obstacle") for _ in "12"

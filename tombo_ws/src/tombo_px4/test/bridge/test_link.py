@@ -125,7 +125,7 @@ def test_a_key_is_read_as_bytes_or_digits_and_warned_of_if_others_may(tmp_path, 
 def test_what_is_no_key_is_refused_in_one_line(tmp_path, content):
     path = tmp_path / "key"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"key '.*' is no key; accepted: a file of 32 bytes") as e:
+    with pytest.raises(InputError, match="is not a key; accepted: a file of 32 bytes") as e:
         read_key(str(path), print)
     assert "\n" not in str(e.value)
     for missing, why in ((tmp_path / "none", "no such file"), (tmp_path, "directory")):

@@ -153,16 +153,16 @@ class HandVerdict(NamedTuple):
     """Result of a motion by hand.
 
     Attributes:
-        turned: about each axis of the autopilot, to and fro [rad].
-        carried: along each axis of map, to and fro [m].
-        least_carried: along the direction in which it was carried least, to and fro [m].
+        rotated: angle about each axis of the autopilot, to and fro [rad].
+        carried: path along each axis of map, to and fro [m].
+        least_carried: path along the direction with the shortest path, to and fro [m].
         delay_s: delay of the poses before their stamps; NaN: it was turned too little to tell.
         mistake: fault of the axes, in words; "" without a fault.
         sure: False: they turn otherwise, and no known mistake explains how.
         moves: the positions were compared with the accelerometer along each axis.
     """
 
-    turned: tuple[float, ...]
+    rotated: tuple[float, ...]
     carried: tuple[float, ...]
     least_carried: float
     delay_s: float = math.nan
@@ -173,7 +173,7 @@ class HandVerdict(NamedTuple):
     @property
     def proven(self) -> bool:
         """Axes of body and world are right, as gyro and accelerometer say."""
-        return not self.mistake and self.moves and min(self.turned) >= TURN_RAD
+        return not self.mistake and self.moves and min(self.rotated) >= TURN_RAD
 
 
 def judge_hand_motion(poses: Any, imu: Any, angle_max: float) -> HandVerdict | None:
@@ -192,9 +192,9 @@ def judge_hand_motion(poses: Any, imu: Any, angle_max: float) -> HandVerdict | N
     fast = speed > TURNING
     if float(speed[fast] @ steps[fast]) < _LEAST_TURNED_RAD:
         return None
-    turned = tuple((np.abs(rates[1:]) * steps[:, None])[fast].sum(axis=0).tolist())
-    verdict = HandVerdict(turned, *_carried(poses["position"]))
-    if min(turned) < TURN_RAD:
+    rotated = tuple((np.abs(rates[1:]) * steps[:, None])[fast].sum(axis=0).tolist())
+    verdict = HandVerdict(rotated, *_carried(poses["position"]))
+    if min(rotated) < TURN_RAD:
         return verdict
     fit = fit_axes(gyro_times, rates, times, poses["attitude"])
     if math.isinf(fit.left):

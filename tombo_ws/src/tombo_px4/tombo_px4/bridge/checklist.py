@@ -497,7 +497,7 @@ def _unproven(lab: Checklist) -> Values:
         )
     if verdict is not None:
         turned, carried = (
-            ", ".join(f"{v:.1f}" for v in way) for way in (verdict.turned, verdict.carried)
+            ", ".join(f"{v:.1f}" for v in way) for way in (verdict.rotated, verdict.carried)
         )
         until_now = (
             f" (until now: turned {turned} rad, carried {carried} m, {verdict.least_carried:.1f} m"
@@ -558,7 +558,7 @@ def _size(lab: Checklist) -> Values:
     most, least = sums.slope + sums.error, sums.slope - sums.error
     wrong = (most < LIMITS.slope_low or least > LIMITS.slope_high) and not motion.confirmed
     if most < LIMITS.slope_still or (wrong and sums.slope < LIMITS.still_share):
-        still = sums.seen < LIMITS.still_share * sums.felt
+        still = sums.pose_square < LIMITS.still_share * sums.imu_square
         body = "does not move" if still else "moves otherwise"
         return (f"the tracked body {body}; is it this vehicle?",)
     return _when(wrong, f"they move {sums.slope:.1f} times as far: wrong scale, or unit")

@@ -94,31 +94,31 @@ class MotionSums(NamedTuple):
 
     Attributes:
         time_s: time of motion [s].
-        felt, seen: sums of squares.
+        imu_square, pose_square: sums of squares of both motions.
         product, mirrored: sums of the products.
     """
 
     time_s: float
-    felt: float
-    seen: float
+    imu_square: float
+    pose_square: float
     product: complex
     mirrored: complex
 
     def coherence(self, product: complex) -> float:
         """Return the share of both motions that one of the products explains."""
-        return abs(product) ** 2 / max(self.felt * self.seen, 1e-18)
+        return abs(product) ** 2 / max(self.imu_square * self.pose_square, 1e-18)
 
     @property
     def slope(self) -> float:
         """Motion of the poses over that of the IMU."""
-        return self.product.real / max(self.felt, 1e-18)
+        return self.product.real / max(self.imu_square, 1e-18)
 
     @property
     def error(self) -> float:
         """Three standard errors of the slope."""
-        rest = max(self.seen - self.slope * self.product.real, 0.0)
+        rest = max(self.pose_square - self.slope * self.product.real, 0.0)
         count = max(self.time_s / SPAN_S, 1.0)
-        return 3.0 * math.sqrt(rest / max(self.felt, 1e-18) / count)
+        return 3.0 * math.sqrt(rest / max(self.imu_square, 1e-18) / count)
 
 
 def sum_motion(seen: Array, felt: Array, weight_s: Array) -> MotionSums:

@@ -124,7 +124,7 @@ READ = (*(p.name for p in FLIGHT_PARAMETERS if p.accepts), _HAS_GPS, HOVER)
 
 
 def explain_parameters(values: Mapping[str, float | int], blocks: bool) -> str:
-    """Return in words which parameters are not accepted: those that block arming, or the rest."""
+    """Return the parameters that are not accepted, in words: blocking ones, or the others."""
     no_gps = values.get(_HAS_GPS, 1) == 0
     return "; ".join(
         f"{p.name} is {values[p.name]:g}, set it to {p.value:g} ({p.why})"

@@ -63,7 +63,7 @@ def read_key(path: str, warn: Callable[[str], object]) -> bytes | None:
     if others:
         warn(f"key '{path}' can be read or written by others; chmod 600 it")
     if len(key) != KEY_SIZE or not any(key):  # zero means none to MAVLink
-        raise InputError(f"key '{path}' is no key; accepted: {_ACCEPTED_KEY}")
+        raise InputError(f"key '{path}' is not a key; accepted: {_ACCEPTED_KEY}")
     return key
 
 
@@ -103,7 +103,7 @@ def parse_url(text: str, allow_remote: bool) -> Url:
     """
     found = next((form.fullmatch(text) for form in _FORMS if form.fullmatch(text)), None)
     if found is None:
-        raise InputError(f"link '{text}' is no URL of a link; accepted: {_ACCEPTED}")
+        raise InputError(f"link '{text}' is not the URL of a link; accepted: {_ACCEPTED}")
     kind, place, number = found[1], found[2], int(found[3])
     if kind == "serial":
         if number == 0 or not hasattr(termios, f"B{number}"):

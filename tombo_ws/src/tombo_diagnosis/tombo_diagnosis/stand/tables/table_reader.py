@@ -414,7 +414,7 @@ def _check_plausible(table: StandTable, path: Path) -> None:
     """Refuse speeds, loads, angles and standard deviations that can't be true.
 
     Raises:
-        InputError: one of them; names the column and what is accepted.
+        InputError: one of them; names the column and the accepted values.
     """
     channels = table.channels
     most = SPEED_LIMIT if table.mapping.model == "tombo" else _MAX_SPEED_RAD_S
