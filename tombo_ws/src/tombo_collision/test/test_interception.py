@@ -259,7 +259,7 @@ def test_it_holds_where_it_is_while_something_fails_and_goes_on_after(fails, why
     published = bench.run(max(after_s - 0.06, 0.0))
     assert all(s is bench.mission_setpoint for s in published)
     bench.run(0.1)
-    assert (bench.state, bench.core.why) == (HOLDING, why)
+    assert (bench.state, bench.core.memory.why) == (HOLDING, why)
     bench.place = HERE + np.array([0.4, 0.0, 0.0])  # it brakes; where it was is where it stays
     bench.mission_setpoint = at([3.0, 0.0, 2.0], phase)
     place, held_phase = only(bench.run(1.0))
@@ -278,7 +278,7 @@ def test_without_a_detector_nobody_takes_off():
     bench.detector = False
     published = bench.run(1.0)
     assert all(s is bench.mission_setpoint for s in published)
-    assert (bench.state, bench.core.why) == (HOLDING, HoldReason.DETECTOR_SILENT)
+    assert (bench.state, bench.core.memory.why) == (HOLDING, HoldReason.DETECTOR_SILENT)
 
 
 def test_a_detector_without_poses_is_not_to_blame():
@@ -353,7 +353,7 @@ def test_a_set_point_that_is_no_number_is_refused_and_counts_as_silence(name, va
     assert not bench.tell(bench.mission_setpoint)
     published = bench.run(0.6)
     assert all(finite(s) for s in published)
-    assert (bench.state, bench.core.why) == (HOLDING, HoldReason.MISSION_SILENT)
+    assert (bench.state, bench.core.memory.why) == (HOLDING, HoldReason.MISSION_SILENT)
 
 
 def test_a_clock_set_back_begins_again_and_nobody_seems_alive():
@@ -368,7 +368,7 @@ def test_a_clock_set_back_begins_again_and_nobody_seems_alive():
     bench.now -= 1000 * MS * 1000
     bench.detector = False
     bench.run(0.6)
-    assert (bench.state, bench.core.why) == (HOLDING, HoldReason.DETECTOR_SILENT)
+    assert (bench.state, bench.core.memory.why) == (HOLDING, HoldReason.DETECTOR_SILENT)
 
 
 inputs = st.lists(

@@ -500,11 +500,6 @@ class ReactionCore(Core):
             for event in early:
                 self.event(event, now_ns)
 
-    @property
-    def why(self) -> HoldReason:
-        """Why it holds."""
-        return HoldReason(self.memory.why)
-
     def step(self, now_ns: int) -> Sequence[tuple[str, Any]]:
         """Decide; return the set point and the status, each when there is a new one."""
         memory = self.memory

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import PositionSetpointRecord, ReactionStatusRecord
 from tombo_dynamics.messages import Reason
 from tombo_dynamics.records import Record, field
@@ -81,27 +80,11 @@ class ReactionMemory(Record):
     status_due = field("1", "it is of the last step", kind=bool)
 
 
-@compiled(inline=False)
 def begin_reaction(memory: ReactionMemory) -> None:
-    """Forget everything but what was published."""
-    memory.active = False
-    memory.guides = False
-    memory.collisions = 0
+    """Begin with a new memory: forget everything but the last status, and what is flown with."""
+    status, recovers = memory.status.copy(), memory.recovers
+    memory.as_array()[0] = ReactionMemory.new()
+    memory.status, memory.recovers = status, recovers
     memory.contact_ns = -SAME_CONTACT_NS
-    memory.changed = True
-    memory.has_mission = False
-    memory.has_position = False
-    memory.mission_ns = 0
-    memory.odometry_ns = 0
-    memory.mocap_ns = 0
-    memory.detector_ns = 0
     memory.mission_at_x_r = True
-    memory.two_publishers = False
-    memory.holds = False
-    memory.waits = False
-    memory.has_published = False
-    memory.publish_due = False
-    memory.setpoint.stamp_ns = 0
-    memory.now_ns = 0
-    memory.events = 0
-    memory.pending = 0
+    memory.changed = True

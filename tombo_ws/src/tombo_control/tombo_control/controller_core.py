@@ -194,14 +194,7 @@ def take_setpoint(
         return False
     if not rotors_off(memory.watch) and _is_too_far(memory, autopilot, setpoint.position):
         return False
-    last = memory.setpoint
-    last.position = setpoint.position
-    last.velocity = setpoint.velocity
-    last.acceleration = setpoint.acceleration
-    last.yaw = setpoint.yaw
-    last.phase = setpoint.phase
-    last.recovery = setpoint.recovery
-    last.takeoff_commands = setpoint.takeoff_commands
+    memory.setpoint = setpoint
     memory.has_setpoint = True
     memory.setpoint_ns = now_ns
     return True
