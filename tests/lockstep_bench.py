@@ -16,6 +16,7 @@ from core_calls import Command, Controller, Estimator, StampedEstimate, take_ove
 from tombo_control.params import POSITION_TICKS, InputLimits
 from tombo_control.planning import mission as plan
 from tombo_control.planning.leg import leg_reference
+from tombo_control.planning.mission_memory import MissionMemory
 from tombo_dynamics.messages import Odometry, Phase, PositionSetpoint
 from tombo_dynamics.records import numbers
 from tombo_dynamics.rotation import rotate_vector, tilt
@@ -56,7 +57,7 @@ class Lockstep:
         self.controller = Controller(
             scenario.control, scenario.vehicle, InputLimits(), self.simulator.setup.maps
         )
-        self.mission = plan.MissionState.new()
+        self.mission = MissionMemory.new()
         plan.begin(self.mission, self.simulator.setup.start)
         self.steer: Callable[[float], PositionSetpoint | None] | None = None
         """Set point at a time [s] in place of the mission's; None: none is sent."""

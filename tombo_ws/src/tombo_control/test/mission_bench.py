@@ -6,14 +6,8 @@ import numpy as np
 
 from core_calls import Mission
 from tombo_control.planning.leg import leg_position, leg_yaw
-from tombo_control.planning.mission import (
-    MissionParams,
-    MissionState,
-    advance_mission,
-    begin,
-    compiled_plan,
-)
-from tombo_control.planning.mission_memory import MissionLimits
+from tombo_control.planning.mission import MissionParams, advance_mission, begin, compiled_plan
+from tombo_control.planning.mission_memory import MissionLimits, MissionMemory
 from tombo_dynamics.messages import Phase
 
 MS = 1_000_000
@@ -79,7 +73,7 @@ class Follower:
 
     def __init__(self, plan=PLAN, step=1.0 / 30.0):
         self.plan, self.step = plan, step
-        self.state = MissionState.new()
+        self.state = MissionMemory.new()
         begin(self.state, HOME)
         self.position = HOME
         self.n = 0

@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from tombo_control.planning.leg import leg_position
-from tombo_control.planning.mission import (
-    MissionParams,
-    MissionState,
-    advance_mission,
-    begin,
-    compiled_plan,
-)
+from tombo_control.planning.mission import MissionParams, advance_mission, begin, compiled_plan
 from tombo_control.planning.mission import resume as resume_mission
+from tombo_control.planning.mission_memory import MissionMemory
 from tombo_control.planning.timed_course import (
     course_pieces,
     piece_reference,
@@ -91,7 +86,7 @@ def test_the_mission_follows_it_goes_back_after_a_push_and_lands() -> None:
         course=samples(4),
     )  # fmt: skip
     plan = compiled_plan(params)
-    state = MissionState.new()
+    state = MissionMemory.new()
     begin(state, np.array([0.0, 0.0, 0.18]))
     here, began, pushed = HOVER_AT, None, False
     for k in range(1, 1000):
