@@ -154,11 +154,6 @@ class PolledSubscription:
             messages.append(ReceivedMessage(message, taken.received_ns))
         return messages
 
-    def newest(self) -> ReceivedMessage | None:
-        """Return the newest message that has arrived since the last call."""
-        messages = self.take()
-        return messages[-1] if messages else None
-
     def silent(self, now_ns: int, limit_s: float) -> bool:
         """Return whether nothing has come for `limit_s`; before the first message, for 10 s.
 

@@ -83,9 +83,9 @@ class Monitor:
         if self._known is not None and self._mission is not None:
             for taken in self._mission.take():
                 self._phase = int(taken.message.phase)
-            newest = self._known.newest()
-            if newest is not None:
-                found.append({"flight": self._flight(newest.message)})
+            known = self._known.take()
+            if known:
+                found.append({"flight": self._flight(known[-1].message)})
         return found
 
     def _flight(self, known: Any) -> dict[str, Any]:
