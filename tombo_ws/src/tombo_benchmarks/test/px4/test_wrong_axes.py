@@ -40,7 +40,7 @@ def judge(by_hand, make):
     poses, imu = by_hand
     checklist = Checklist(BridgeParams())
     for stamp, place, attitude in poses:
-        checklist.pose(stamp, stamp, *make(place, attitude))
+        checklist.poses.add(stamp, stamp, *make(place, attitude))
     for stamp, sample in imu:
         checklist.take_imu(VehicleImu(stamp, stamp, stamp, sample[:3], sample[3:]), None, False)
     return judge_hand_motion(checklist.poses.since(0), checklist.imu.since(0), 0.17)

@@ -60,7 +60,7 @@ def checklist_of(motion, as_mocap=lambda q: q, delay_s=0.0, noise=0.002, rate=50
         shaken = quaternion_multiply(q, np.append(rng.normal(0, 0.5 * noise, 3), 1.0))
         stamp = begin + k * MS + round(delay_s * 1e9)
         if stamp <= NOW:
-            checklist.pose(stamp, stamp, np.zeros(3), shaken / np.linalg.norm(shaken))
+            checklist.poses.add(stamp, stamp, np.zeros(3), shaken / np.linalg.norm(shaken))
     return checklist
 
 

@@ -101,7 +101,7 @@ class Flight:
         if k % (1000 // self.rate_hz) == 0:
             shown = self.shown + self.rng.normal(0.0, self.noise, 3)
             self.watch.pose_ns = NOW + k * MS
-            self.checklist.pose(NOW + k * MS, NOW + k * MS, shown, LEVEL)
+            self.checklist.poses.add(NOW + k * MS, NOW + k * MS, shown, LEVEL)
 
 
 @pytest.mark.parametrize("rate_hz", [30, 50, 100])

@@ -64,7 +64,7 @@ class Lab:
                 break
             place, attitude = self.as_mocap(self.place, self.attitude)
             place = place + rng.normal(0, self.noise, 3) if self.noise else place
-            made.pose(arrival - round(self.latency * 1e9), arrival, place, attitude)
+            made.poses.add(arrival - round(self.latency * 1e9), arrival, place, attitude)
         back = self.attitude * [-1, -1, -1, 1]
         up = rotate_vector(back, np.array([0.0, 0.0, 9.81]))
         for k in range(200 if self.telemetry else 0):

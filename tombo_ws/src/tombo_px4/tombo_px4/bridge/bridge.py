@@ -265,13 +265,13 @@ class Bridge:
             self.poses_refused[why.key] += 1
             self.checklist.refused_pose(why, now_ns, age_s)
             if why == PoseRefusal.DISTRUSTED:  # its motion shows the direction to brake by
-                self.checklist.pose(
+                self.checklist.poses.add(
                     stamp_ns, now_ns, position, attitude / np.linalg.norm(attitude)
                 )
             return why
         self.pose_stamp_ns, self.watch.pose_ns = stamp_ns, now_ns
         unit = attitude / length
-        self.checklist.pose(stamp_ns, now_ns, position, unit)
+        self.checklist.poses.add(stamp_ns, now_ns, position, unit)
         pose = messages.pose_message(stamp_ns, position, unit)
         self._out.messages.append(pose)
         self.poses_sent += 1

@@ -158,10 +158,6 @@ class Checklist:
         self._proved: HandVerdict | None = None
         self._judged_ns = self._hand_since_ns = 0
 
-    def pose(self, stamp_ns: int, arrival_ns: int, position: Array, attitude: Array) -> None:
-        """Take a pose: position (3) [m], attitude (4) xyzw, unit."""
-        self.poses.add(stamp_ns, arrival_ns, position, attitude)
-
     def refused_pose(self, why: PoseRefusal, now_ns: int, age_s: float = 0.0) -> None:
         """Record a pose that was not sent, and its age."""
         self._refusals[why] = (now_ns, age_s)

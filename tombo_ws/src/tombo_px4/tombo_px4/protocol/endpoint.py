@@ -276,9 +276,9 @@ class Endpoint:
         kind = message.get_type()
         handler, only_ours = self._handlers.get(kind, (None, False))
         if handler is None:
-            self._refuse(f"{kind} is not used")
+            self.refused[f"{kind} is not used"] += 1
         elif only_ours and not self._for_us(message, kind.startswith("SET_")):
-            self._refuse("addressed to another")
+            self.refused["addressed to another"] += 1
         else:
             handler(routed)
 
@@ -288,10 +288,6 @@ class Endpoint:
         systems = (system, _ALL_IDS) if or_all else (system,)
         target = getattr(message, "target_component", _ALL_IDS)
         return message.target_system in systems and target in (_ALL_IDS, component)
-
-    def _refuse(self, reason: str) -> None:
-        """Count a message that is not used."""
-        self.refused[reason] += 1
 
     def _heartbeat(self, routed: RoutedMessage) -> None:
         if routed.received.message.type == mavlink.MAV_TYPE_GCS:
@@ -315,7 +311,7 @@ class Endpoint:
             content = (number, int(result), _NO_PROGRESS, 0)
             routed.answer(mavlink.MAVLink_command_ack_message(*content, *sender))
         if results[-1] == Result.UNSUPPORTED:
-            self._refuse(f"command {number} is not supported")
+            self.refused[f"command {number} is not supported"] += 1
 
     def _set_interval(self, command: ReceivedCommand, channel: MavlinkChannel) -> Result:
         number, interval = whole(command.params[0]), command.params[1]
@@ -356,7 +352,7 @@ class Endpoint:
         message = routed.received.message
         ignored = self._parameters.refuse_set(message)
         if ignored:
-            self._refuse(f"PARAM_SET not answered: {ignored}")
+            self.refused[f"PARAM_SET not answered: {ignored}"] += 1
         for value in self._parameters.value(message.param_id) if not ignored else ():
             routed.answer(value)
             for other in self.channels:  # everybody's copy has to stay right
@@ -368,14 +364,14 @@ class Endpoint:
         message, timesync = routed.received.message, routed.channel.timesync
         pose = decode_vision(message)
         if isinstance(pose, str):
-            self._refuse(f"{message.get_type()} {pose}")
+            self.refused[f"{message.get_type()} {pose}"] += 1
             return
         stamp_us = min(routed.arrival_us, self.vehicle.boot_us)
         if pose.stamp_us != 0 and timesync.converged:
             stamp_us = timesync.to_local_time(pose.stamp_us * 1000) // 1000
         refusal = self.vehicle.vision(stamp_us, pose.position, pose.attitude)
         if refusal:
-            self._refuse(f"{message.get_type()} refused: {refusal.replace('_', ' ')}")
+            self.refused[f"{message.get_type()} refused: {refusal.replace('_', ' ')}"] += 1
 
     def _remote_control(self, routed: RoutedMessage) -> None:
         """Take the kill switch; as in PX4, its first message changes nothing."""
@@ -391,7 +387,7 @@ class Endpoint:
         target = decode_setpoint(message)
         refusal = target if isinstance(target, str) else self.vehicle.target(target)
         if refusal:
-            self._refuse(f"{message.get_type()} {refusal}")
+            self.refused[f"{message.get_type()} {refusal}"] += 1
 
 
 Clock = Callable[[], int]
