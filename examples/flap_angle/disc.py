@@ -134,7 +134,7 @@ def circle_of(hull: Array) -> Disc:
     for _ in range(5):
         if r <= 0.0:
             break
-        near = _near(hull, x, y, r)
+        near = _on_circle(hull, x, y, r)
         x, y, r = _least_squares(hull[near])
     share = _filled(outline, x, y, r) / _BINS if r > 0.0 else 0.0
     if share < _LEAST_ARC:
@@ -145,14 +145,14 @@ def circle_of(hull: Array) -> Disc:
     return Disc(x, y, r, hull)
 
 
-def _near(points: Array, x: float, y: float, r: float) -> NDArray[np.bool_]:
+def _on_circle(points: Array, x: float, y: float, r: float) -> NDArray[np.bool_]:
     off = np.hypot(points[:, 0] - x, points[:, 1] - y) - r
     return np.asarray(np.abs(off) < max(1.5, _ROUND * r))
 
 
 def _filled(outline: Array, x: float, y: float, r: float) -> int:
     """Count directions in which the hull's outline lies on the circle."""
-    on = outline[_near(outline, x, y, r)]
+    on = outline[_on_circle(outline, x, y, r)]
     way = np.arctan2(on[:, 1] - y, on[:, 0] - x) % (2.0 * math.pi)
     return len(np.unique((way * (_BINS / (2.0 * math.pi))).astype(int)))
 

@@ -19,7 +19,7 @@ from camera_geometry import BladeSpan, CameraPose, FlapAngle, angle, paper_angle
 from disc import Disc, Frames, find_disc
 
 RADIUS_SD_PX = 1.0
-"""To which the circle of a hull is trusted [pixels]: motion blur hides the tip's last pixel."""
+"""Standard deviation of a hull's radius [pixels]: motion blur hides the tip's last pixel."""
 
 
 def read_frames(path: Path, first: int, count: int) -> Frames:

@@ -53,7 +53,7 @@ class FieldDifference:
 
 @dataclass(frozen=True)
 class TopicComparison:
-    """What differs on one topic.
+    """Differences of one topic.
 
     Attributes:
         topic: its name.

@@ -166,7 +166,7 @@ class Flight:
     epoch_ns: int = 0
     """Stamp at t = 0."""
     airframe: Airframe | None = None
-    """Of a measured flight."""
+    """Airframe of a measured flight."""
     exclude: tuple[tuple[float, float], ...] = ()
     """Spans [s] that are not diagnosed: crash, contact, on the ground."""
     metadata: Mapping[str, str] = field(default_factory=dict)
@@ -216,7 +216,7 @@ class Flight:
 
     @property
     def duration_s(self) -> float:
-        """From the first to the last stamp of any channel [s]."""
+        """Time from the first to the last stamp of any channel [s]."""
         ends = [(s.t[0], s.t[-1]) for s in self.series.values() if s.t.size]
         return max(e for _, e in ends) - min(b for b, _ in ends) if ends else 0.0
 

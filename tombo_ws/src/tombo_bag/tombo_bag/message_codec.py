@@ -27,7 +27,7 @@ from tombo_dynamics.time_base import SECOND_NS
 
 _Kind = TypeVar("_Kind")
 _SHAPES = 8
-"""So many shapes of a type are kept."""
+"""Largest number of kept shapes of a type."""
 _TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
 _UNKNOWN = ("temperature", "charge", "capacity", "design_capacity", "percentage")
 CONSTANTS: Mapping[str, Mapping[str, Any]] = {

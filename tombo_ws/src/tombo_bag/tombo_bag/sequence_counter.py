@@ -15,7 +15,7 @@ class SequenceCounter:
         self.messages = 0
         self.lost = 0
         self.multiple_publishers = False
-        """There was more than one publisher at some time: losses of that time are not counted."""
+        """More than one publisher was present at some time: its losses are not counted."""
         self._last: int | None = None
         self._gaps = 0
         self._shared = False

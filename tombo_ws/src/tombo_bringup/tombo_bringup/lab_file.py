@@ -38,7 +38,7 @@ class Lab:
     """KEY=VALUE of the scenario."""
     mocap: MocapParams | None = None
     url: str = ""
-    """Of the link to PX4; empty: not said."""
+    """URL of the link to PX4; empty: not given."""
     bridge: tuple[str, ...] = ()
     """KEY=VALUE of the bridge to PX4."""
 

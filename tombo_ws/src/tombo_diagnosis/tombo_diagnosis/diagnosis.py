@@ -34,7 +34,7 @@ class Cause:
     signature: str
     """How it shows in data, from the registry."""
     covariance: tuple[tuple[float, ...], ...] = ()
-    """Of theta, in its order."""
+    """Covariance of theta, in its order."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Experiment:
 
     effects: tuple[str, ...]
     text: str
-    """What to do and which pair it separates."""
+    """The experiment, and the pair of causes that it separates."""
 
 
 @dataclass(frozen=True)

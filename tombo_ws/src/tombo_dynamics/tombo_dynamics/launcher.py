@@ -2,9 +2,9 @@
 
     python -I -S launcher.py SUPERVISOR_PID GUARD_FD COMMAND [ARGUMENT ...]
 
-Run as a file, in a session of its own, it writes its process group to the guard, asks the kernel
-for SIGINT at the supervisor's death, and executes COMMAND. It imports the standard library alone,
-so a node starts at once.
+As a file it runs in a session of its own. It writes its process group to the guard, asks the
+kernel for SIGINT at the supervisor's death, and executes COMMAND. It imports the standard library
+alone, so a node starts at once.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from tombo_dynamics.records import parameter_record
 from tombo_dynamics.vehicle import GRAVITY, VehicleParams
 
 _STEP_S = 0.02
-"""Between two checked places, a period of the mission."""
+"""Time between two checked places: a period of the mission."""
 _LOWEST = 0.3
 """[m]: lowest height of a reference, as of a waypoint."""
 _ROUNDING = 1e-6

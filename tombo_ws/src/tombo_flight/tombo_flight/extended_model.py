@@ -68,7 +68,7 @@ class FittedEffect:
     theta: tuple[FittedParameter, ...]
     confidence: float
     covariance: tuple[tuple[float, ...], ...] = ()
-    """Of theta, in its order; empty: not known."""
+    """Covariance of theta, in its order; empty: not known."""
 
 
 @dataclass(frozen=True)

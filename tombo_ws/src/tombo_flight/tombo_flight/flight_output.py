@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tombo_flight.report.page import Page
 
 WALL_KEYS = ("wall_time_s", "real_time_factor")
-"""What differs between two flights of the same scenario and seed; all other bytes agree."""
+"""Keys that differ between flights of one scenario and seed; all other bytes agree."""
 SCENARIO_FILE = "scenario.yaml"
 
 _REHEARSAL_S = 0.1

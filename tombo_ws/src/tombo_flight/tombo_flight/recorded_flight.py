@@ -58,7 +58,7 @@ _FIRST_POSES = 3
 _FIRST_STEP_NS = 20 * TICK_NS
 """Longest time from the first estimate to the mission's first message: its period."""
 _LONGEST_TICKS = 4 * 3600 * TICK_HZ
-"""Of one flight; a stamp of another clock makes it longer."""
+"""Largest number of ticks of a flight; a stamp of another clock makes it longer."""
 _UNIT = 1e-2
 """How far from 1 the length of a rotation's quaternion may be."""
 _MEASURED_VELOCITY = "velocity_in_map"

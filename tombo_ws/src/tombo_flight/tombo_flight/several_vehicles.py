@@ -11,7 +11,7 @@ from tombo_flight.scenario import Scenario
 
 MOST_VEHICLES = MOST_OTHERS + 1
 _SPACING = 2.0
-"""Between two starts [m], along map y."""
+"""Distance between two starts [m], along map y."""
 
 
 @dataclass(frozen=True)

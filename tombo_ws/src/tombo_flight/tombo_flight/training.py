@@ -44,7 +44,7 @@ from tombo_sim.normals import stream_of
 from tombo_sim.wiring import CORES
 
 CRASH_COST = 10.0
-"""Of a crash, in seconds of recovery."""
+"""Cost of a crash, in seconds of recovery."""
 _NEVER = 2**62
 """Tick that no flight reaches."""
 _BLOCK, _FRESH_BLOCK = 32, 4

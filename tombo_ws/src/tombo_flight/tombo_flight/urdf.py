@@ -11,7 +11,7 @@ from tombo_dynamics.vehicle import ROTOR_NAMES, SPIN
 from tombo_flight.vehicle_file import VehicleFile
 
 _CHORD_M, _THICKNESS_M = 0.02, 0.002
-"""Of a drawn blade; no model reads it."""
+"""Chord and thickness of a drawn blade; no model reads them."""
 _BLADE_YAWS_RAD = (0.0, math.pi)
 
 

@@ -84,7 +84,7 @@ class HealthyFlights:
     left_out: int = 0
     """Flights that were diagnosed with the vehicle that the others show."""
     accused: int = 0
-    """Of these, the ones in which something was found, although they are healthy."""
+    """Number of these healthy flights in which the diagnosis found a fault."""
 
 
 @dataclass(frozen=True)
@@ -102,12 +102,12 @@ class VehicleFile:
     given: frozenset[str] = frozenset()
     """section.key of the values in the file itself; the rest follows from it."""
     notes: Mapping[str, Note] = field(default_factory=dict)
-    """section.key → what is noted about it."""
+    """section.key → its note."""
     about: str = ""
     sources: tuple[str, ...] = ()
     """Sources of [1], [2] and so on in the notes."""
     healthy: HealthyFlights | None = None
-    """Of a vehicle that was fitted to its flights."""
+    """Healthy flights of a vehicle that was fitted to them."""
 
     @property
     def maps(self) -> RotorMaps:

@@ -21,7 +21,7 @@ from tombo_ros.topic import PolledSubscription
 
 _LOOK_S = 0.02
 _DISCOVERY_S = 10.0
-"""So long a publisher may take to be discovered, on a busy machine."""
+"""Time that a publisher may take to be discovered, on a busy machine."""
 
 
 def main(arguments: list[str]) -> int:

@@ -35,7 +35,7 @@ class TrackedBody(NamedTuple):
 
     name: str
     stamp_ns: int
-    """Of arrival, or of the driver's message."""
+    """Stamp of arrival, or of the driver's message."""
     position: Array
     """(3,) [m], in the world of the system."""
     attitude: Array
@@ -63,7 +63,7 @@ class TrackedPoses:
         self._last_ns = -1
         self.counters = PoseCounters()
         self.names: frozenset[str] = frozenset()
-        """Of the rigid bodies in the newest frame."""
+        """Names of the rigid bodies in the newest frame."""
 
     def poses(self, bodies: Sequence[TrackedBody]) -> list[Pose]:
         """Return the vehicle's poses in a frame, stamped with their capture.

@@ -15,7 +15,7 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 
 SHARE = 0.9
-"""Of the level before the collision."""
+"""Share of the level before the collision."""
 _LOSS = 0.25
 """Share of the level that has to be lost."""
 _NOISES = 5.0
@@ -42,7 +42,7 @@ class ThrustRecovery:
     lowest: float
     """Smallest value, noise smoothed."""
     recovered: float
-    """From the drop's beginning until 90 % are back; NaN if they aren't."""
+    """Time from the drop's beginning until 90 % are back; NaN if they aren't."""
     low: float
     high: float
     """Ends of its 95 % interval; `high` is infinite where the trace ends too early."""

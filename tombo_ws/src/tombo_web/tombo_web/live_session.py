@@ -32,7 +32,7 @@ class LiveSession:
         self.recent: deque[dict[str, Any]] = deque(maxlen=round(FRAME_HZ * _HISTORY_S))
         """The last frames, for a page that comes later."""
         self.messages: list[TopicMessage] = []
-        """Those of the last frame."""
+        """Messages of the last frame."""
         self._title, self._obstacle = title, obstacle
         self._view = LiveView()
         self._picked: dict[str, None] = {}

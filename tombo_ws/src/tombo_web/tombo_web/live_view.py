@@ -63,9 +63,9 @@ class TopicMessage(NamedTuple):
 
     topic: str
     fields: Mapping[str, Any]
-    """By the names of the message's dataclass, else of its definition."""
+    """Values by the names of the message's dataclass, else of its definition."""
     time_s: float
-    """Of capture, on the clock of the source."""
+    """Time of capture, on the clock of the source."""
     arrival_s: float
     """When it came, same clock."""
 

@@ -44,7 +44,7 @@ from tombo_dynamics.time_base import SECOND_NS
 
 COMPRESSION = "zstd"
 _LEVEL = 1
-"""Of zstd: more takes longer for little."""
+"""Level of zstd: a higher one takes longer and saves little."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _REFRESH_S = 0.1
 _LINE_S = 10.0
-"""Between two lines, and before the first."""
+"""Time between two lines, and before the first."""
 
 
 @contextmanager

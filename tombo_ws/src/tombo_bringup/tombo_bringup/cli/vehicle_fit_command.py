@@ -136,7 +136,7 @@ def _page(fit: VehicleFit, output: Path) -> Page:
     if healthy.left_out:
         doubts += [
             f"{name}, diagnosed by the others, is accused: {text}"
-            for name, text in fit.accused.items()
+            for name, text in fit.false_alarms.items()
         ]
         doubts.append(
             f"Diagnosed by the others, {healthy.accused} of {healthy.left_out} healthy flights "
@@ -166,7 +166,7 @@ def _page(fit: VehicleFit, output: Path) -> Page:
             "name": fit.file.name,
             "fitted": {label: dataclasses.asdict(value) for label, value in fit.fitted.items()},
             "unseen": list(fit.unknown),
-            "accused": dict(fit.accused),
+            "accused": dict(fit.false_alarms),
             "file": vehicle_text(fit.file),
         },
     )

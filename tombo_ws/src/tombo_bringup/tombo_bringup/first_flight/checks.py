@@ -62,7 +62,7 @@ _SLOW_CLIMB_S = 12.0
 """More for a set point 0.12 m above the ground: PX4 1.17 in SITL left it after up to 19 s."""
 _LANDS_S = 25.0
 _LEAST_HEIGHT_M, _DOWN_M = 0.06, 0.03
-"""Over the ground: a body at 0.3 m has its legs some 0.12 m above it."""
+"""Heights over the ground: a body at 0.3 m has its legs some 0.12 m above it."""
 _FALLS_S = 1.0
 """A fall from 0.3 m takes 0.25 s, and the poses are at 30 Hz."""
 _SAID_LATE_S = 0.5

@@ -96,7 +96,7 @@ STEPS = (
         " at 0.3 m/s, the reaction `bounce`?", "", "fly more hovers before the obstacle",
     ),
 )  # fmt: skip
-"""In order; an obstacle comes last."""
+"""Steps in order; an obstacle comes last."""
 
 
 def printed_steps() -> list[list[str]]:

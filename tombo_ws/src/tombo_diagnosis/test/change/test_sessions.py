@@ -80,8 +80,8 @@ def test_days_on_which_rotors_move_are_no_change(tried):
 def test_where_healthy_sessions_are_accused_nothing_may_be_named():
     many = Spread(Features(np.zeros(9), 1.2), np.eye(9), np.eye(9), 5.0, 12, 4, left_out=4)
     assert most_confident(many) > 0.95
-    assert most_confident(replace(many, accused=2)) < COVERED
-    assert most_confident(replace(many, accused=3)) < 0.5
+    assert most_confident(replace(many, false_alarms=2)) < COVERED
+    assert most_confident(replace(many, false_alarms=3)) < 0.5
     assert most_confident(replace(many, left_out=3, sessions=1)) < NAMED
 
 

@@ -63,7 +63,7 @@ def test_how_imu_and_markers_are_turned_is_found(fitted):
 
 def test_each_flight_was_asked_back_against_the_others(fitted):
     healthy = fitted.file.healthy
-    assert healthy.left_out == 3 and healthy.accused == len(fitted.accused) == 0
+    assert healthy.left_out == 3 and healthy.accused == len(fitted.false_alarms) == 0
 
 
 def test_accused_healthy_flights_lower_the_confidence(flights, fitted):
@@ -82,7 +82,7 @@ def test_an_accused_flight_is_counted_and_reported(base, monkeypatch):
 
     monkeypatch.setattr(vehicle_fit, "diagnose_flights", diagnosed)
     result = fit_vehicle(logs(courses=SLOW, count=2, length=12.0), base)
-    assert dict(result.accused) == {"flight 2": "mass error"}
+    assert dict(result.false_alarms) == {"flight 2": "mass error"}
     assert (result.file.healthy.left_out, result.file.healthy.accused) == (2, 1)
 
 
@@ -94,7 +94,7 @@ def test_rotors_that_differ_from_flight_to_flight_are_healthy(base):
     ]
     result = fit_vehicle(flights, base)
     assert 0.03 < result.file.healthy.spread["thrust_scatter.deviation"] < 0.15
-    assert not result.accused
+    assert not result.false_alarms
 
 
 def test_a_change_of_a_fitted_vehicle_is_still_found(fitted):

@@ -86,7 +86,7 @@ the weight as drag at 0.3 m/s, at the end of an arm."""
 
 @dataclass(frozen=True)
 class Spread:
-    """What healthy flights look like, and how certain that is. Vectors as `Features.vector`."""
+    """Mean and covariances of healthy flights. Vectors as `Features.vector`."""
 
     mean: Features
     session: Array
@@ -94,14 +94,14 @@ class Spread:
     flight: Array
     """(9, 9) covariance between flights of a session."""
     degrees: float
-    """Of freedom."""
+    """Degrees of freedom."""
     flights: int
-    """That `mean` is of."""
+    """Number of flights of `mean`."""
     sessions: int
     left_out: int = 0
-    """Sessions that were compared with the others; flights, if all are of one session."""
-    accused: int = 0
-    """Sessions of these that the others call changed."""
+    """Number of sessions compared with the others; flights, if all are of one session."""
+    false_alarms: int = 0
+    """Number of these sessions that the others call changed."""
 
     @property
     def days_unknown(self) -> bool:
@@ -129,7 +129,7 @@ class CandidateResult:
 
 @dataclass(frozen=True)
 class HealthyComparison:
-    """What new flights say."""
+    """Comparison of new flights with healthy ones."""
 
     none: float
     """Probability that nothing has changed."""
@@ -155,7 +155,7 @@ def spread_of(
         same: the session of these that new flights are of, too; empty: they are of a further one.
         tried: candidates of which the others may accuse a session; none: this is not counted.
     """
-    accused, left_out = _accused_of(healthy, sessions, tried) if tried else (0, 0)
+    false_alarms, left_out = _count_false_alarms(healthy, sessions, tried) if tried else (0, 0)
     values = np.array([f.vector for f in healthy])
     names = list(dict.fromkeys(sessions))
     member = np.array([[s == name for s in sessions] for name in names])
@@ -178,11 +178,11 @@ def spread_of(
     if same:
         near = [f for f, name in zip(healthy, sessions, strict=True) if name == same]
         none = np.zeros_like(flight)
-        return Spread(mean_of(near), none, flight, degrees, len(near), n, left_out, accused)
+        return Spread(mean_of(near), none, flight, degrees, len(near), n, left_out, false_alarms)
     session = (moved.T @ moved + _PRIOR_SESSIONS * prior) / (_PRIOR_SESSIONS + n - 1.0)
     mean = Features(middle, mean_of(healthy).supply)
     degrees = SESSION_DEGREES + n - 1.0
-    return Spread(mean, session, flight, degrees, count, n, left_out, accused)
+    return Spread(mean, session, flight, degrees, count, n, left_out, false_alarms)
 
 
 def compare(
@@ -264,25 +264,25 @@ def smallest_seen(
     return sizes
 
 
-def _accused_of(
+def _count_false_alarms(
     healthy: Sequence[Features], sessions: Sequence[str], tried: Sequence[ChangeCandidate]
 ) -> tuple[int, int]:
-    """Return how many healthy sessions would be accused by the others; and of how many.
+    """Return the number of healthy sessions that the others call changed, and of how many.
 
     Where all are of one session, flights take the place of sessions.
     """
     alone = len(set(sessions)) == 1
     units = [str(k) for k in range(len(healthy))] if alone else list(sessions)
     names = sorted(set(units)) if len(healthy) > 1 else []
-    accused = 0
+    false_alarms = 0
     for name in names:
         rest = [k for k, unit in enumerate(units) if unit != name]
         spread = spread_of(
             [healthy[k] for k in rest], [sessions[k] for k in rest], sessions[0] if alone else ""
         )
         left_out = [f for f, unit in zip(healthy, units, strict=True) if unit == name]
-        accused += compare(spread, left_out, tried).none <= CHANGED
-    return accused, len(names)
+        false_alarms += compare(spread, left_out, tried).none <= CHANGED
+    return false_alarms, len(names)
 
 
 def _prior(candidate: ChangeCandidate) -> float:

@@ -25,9 +25,9 @@ from tombo_logs.checks.spans import Mask, inside, interpolated, merged, runs, sa
 _SUPPLY_S = 5.0
 """Over which the voltage is averaged: long against manoeuvres, short against a discharge."""
 _EDGE_S = 0.5
-"""After lift-off and before touch-down."""
+"""Time after lift-off and before touch-down."""
 _SHORTEST_S = 4.0
-"""Of a stretch in the air."""
+"""Shortest stretch in the air."""
 _BRIDGED_S = 1.0
 """Length of an excluded span up to which the flight stays in one part: poses that jump, a gap."""
 _FASTEST_HZ = 250.0
@@ -35,10 +35,10 @@ _FASTEST_HZ = 250.0
 _SHAKE_HZ = 10.0
 """Above it no loop follows: the remainder is vibration."""
 _SWING_HZ = (0.35, 1.6)
-"""Of pendulums of 2 m to 0.1 m."""
+"""Frequencies of pendulums of 2 m to 0.1 m."""
 _FLOOR = 1e-6
 _SPEED_S = 0.3
-"""Over which a velocity is taken."""
+"""Time over which a velocity is taken."""
 _MOVED = 0.1
 """Standard deviation of a velocity [m/s] from which on it says something."""
 

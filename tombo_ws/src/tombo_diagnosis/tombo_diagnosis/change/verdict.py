@@ -52,7 +52,7 @@ def most_confident(spread: Spread) -> float:
     """
     if spread.days_unknown:
         return succession(0, 0, _ACCUSED_OF_ONE)
-    return succession(spread.left_out, spread.accused, _ACCUSED_OF_MANY)
+    return succession(spread.left_out, spread.false_alarms, _ACCUSED_OF_MANY)
 
 
 def judge_change(comparison: HealthyComparison, most: float) -> ChangeVerdict:
@@ -173,7 +173,7 @@ def notes(spread: Spread, new: Features) -> tuple[str, ...]:
     )
     if spread.left_out:
         among += (
-            f"; left out in turn, {spread.accused} of {spread.left_out} are called changed. "
+            f"; left out in turn, {spread.false_alarms} of {spread.left_out} are called changed. "
             f"A rate of false alarms below {percent(1.0 / (spread.left_out + 1.0))} can't be "
             "certified by them"
         )

@@ -37,9 +37,9 @@ class NewWind:
     """(2,) along map x, y [m/s], by a drag in proportion to the speed; None: not known, without
     the drag, or as the level may be another."""
     deviation: float
-    """Of each [m/s]."""
+    """Standard deviation of each [m/s]."""
     own_speed: float = 0.0
-    """Of the flights that show the drag [m/s]."""
+    """Speed of the flights that show the drag [m/s]."""
 
     @property
     def by_square(self) -> float:

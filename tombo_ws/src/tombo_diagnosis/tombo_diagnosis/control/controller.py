@@ -56,14 +56,14 @@ class GainChange:
 
 @dataclass(frozen=True)
 class ControllerReport:
-    """What flights say of their controller."""
+    """Findings of flights about their controller."""
 
     gains: tuple[LoopGain, ...]
-    """Those that are known."""
+    """The known gains."""
     unknown: tuple[str, ...]
-    """What of the loops is not known, and why."""
+    """Unknown quantities of the loops, with reasons."""
     oscillations: tuple[tuple[str, Oscillation], ...]
-    """With the name of the flight."""
+    """Name of the flight, and its oscillation."""
     changed: tuple[GainChange, ...]
     compared_with: str
     """Empty: with nothing."""

@@ -69,7 +69,7 @@ class LoopGain:
     spread: float = 0.0
     """Standard deviation between flights."""
     flights: int = 0
-    """That show it; 0: it is known otherwise."""
+    """Number of flights that show it; 0: it is known otherwise."""
 
     @property
     def label(self) -> str:

@@ -32,7 +32,7 @@ _LONGEST: Final = 400_000
 """Rows of the clock: a longer flight has a slower one."""
 _SHORTEST_S: Final = 2.0
 _EDGE_S: Final = 1.0
-"""After lift-off and before touch-down."""
+"""Time after lift-off and before touch-down."""
 _LIMIT: Final = 0.002
 """Share of the time at its highest or lowest value from which on a drive is at its limit."""
 

@@ -47,7 +47,7 @@ _JITTER: Final = 0.3
 """Of stamps, over their step, from which on they make jumps of their own."""
 UPSET_TILT_RAD: Final = np.radians(60.0)
 _SETTLED_S: Final = 0.5
-"""After lift-off, or after the log's start."""
+"""Time after lift-off, or after the log's start."""
 _SHORTEST_S: Final = 0.9
 """Flight [s]: a second of poses at 10 Hz or more."""
 _KNOWN_S: Final = 0.08
@@ -77,7 +77,7 @@ class CrashMotion(EvenFlight):
     demand: Array
     """(N, 4) of the best drive channel over its usual mean, in terms of thrust."""
     flying: Mask
-    """In the air."""
+    """Samples in the air."""
     even: bool
     """Stamps of the poses are so even that jumps and fast swings can be told."""
     learnt: Mask

@@ -45,7 +45,7 @@ _EMPTY: Final = 0.3
 
 @dataclass(frozen=True)
 class Why:
-    """What went wrong in a flight."""
+    """The cause of a crash or fault in a flight."""
 
     cause: str
     """One of CAUSES' values, none, set or unknown."""
@@ -54,7 +54,7 @@ class Why:
     confidence: float
     """0 to 1: share of measured answers like it that were right."""
     members: tuple[str, ...]
-    """Of a set."""
+    """Members of a set."""
     timeline: tuple[Sign, ...]
     """The signs, in order of time."""
     findings: tuple[Finding, ...]

@@ -343,9 +343,9 @@ class ExplainedExcess:
     mean: float
     """Mean over the channels that it concerns."""
     total: float
-    """Of the sum over all channels."""
+    """Share of the sum over all channels."""
     of_forces: float
-    """Of the sum over the forces."""
+    """Share of the sum over the forces."""
     concerned: frozenset[str]
     """Groups of the channels that it concerns."""
 

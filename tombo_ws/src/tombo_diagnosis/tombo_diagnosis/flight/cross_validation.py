@@ -61,9 +61,9 @@ class HeldOut:
 
     flight: int
     before: HeldOutPrediction
-    """By the nominal model, with its parameters within their tolerances."""
+    """Prediction by the nominal model, with its parameters within their tolerances."""
     after: HeldOutPrediction
-    """By the extended model, with its other parameters within theirs."""
+    """Prediction by the extended model, with its other parameters within theirs."""
 
 
 def fit_without_flight(

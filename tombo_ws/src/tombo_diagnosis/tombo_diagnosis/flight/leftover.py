@@ -23,7 +23,7 @@ _BLOCK_S = 0.24
 """Means over such blocks are compared and drawn."""
 _QUANTITIES = ("force", "moment")
 _SLICES = 10
-"""Of a variable, with equally many samples each."""
+"""Number of slices of a variable, with equally many samples each."""
 _MIN_R2 = 0.1
 """Share of the leftover of held-out flights that a variable has to predict."""
 _MAX_VARIABLES = 3

@@ -85,7 +85,7 @@ class NominalModel:
     healthy: HealthyFlights | None = None
     """Residual of the vehicle's healthy flights; None: not known."""
     vehicle_name: str = ""
-    """Of a vehicle file; empty: the suite's own vehicle."""
+    """Name of a vehicle file; empty: the suite's own vehicle."""
 
     @property
     def theta(self) -> Array:

@@ -83,8 +83,8 @@ class VehicleFit:
     """Fitted parameter -> the value with its 95 % interval, as a change of the base."""
     unknown: tuple[str, ...]
     """Parameters that these flights do not show; they stay as in the base."""
-    accused: Mapping[str, str] = field(default_factory=dict)
-    """Healthy flight in which the vehicle of the others finds something -> what it finds."""
+    false_alarms: Mapping[str, str] = field(default_factory=dict)
+    """Name of a healthy flight that the vehicle of the others calls faulty -> summary."""
 
 
 def fit_vehicle(
@@ -122,19 +122,19 @@ def fit_vehicle(
         for k in left_out:
             fits[k] = fit
             differences[k] = _difference(logs[k], fit.file)
-    accused = {}
+    false_alarms = {}
     for k, fit in fits.items():
         progress(f"diagnosing {logs[k].name} by the others", (1.0 + folds + count + k) / steps)
         others = [each for j, each in differences.items() if j != k]
         file = dataclasses.replace(fit.file, healthy=_healthy(fit.file, others))
         diagnosis, _ = diagnose_flights(held_against([logs[k]], file), nominal_model(vehicle=file))
         if diagnosis.verdict != "none":
-            accused[logs[k].name] = diagnosis.summary
+            false_alarms[logs[k].name] = diagnosis.summary
     healthy = dataclasses.replace(
-        _healthy(whole.file, list(differences.values())), left_out=count, accused=len(accused)
+        _healthy(whole.file, list(differences.values())), left_out=count, accused=len(false_alarms)
     )
     file = dataclasses.replace(whole.file, healthy=healthy)
-    return dataclasses.replace(whole, file=file, accused=accused)
+    return dataclasses.replace(whole, file=file, false_alarms=false_alarms)
 
 
 def _fit(logs: Sequence[Flight], base: VehicleFile) -> VehicleFit:

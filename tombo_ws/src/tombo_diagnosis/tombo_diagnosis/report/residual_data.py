@@ -18,7 +18,7 @@ from tombo_dynamics.arrays import Array
 BLOCK_S: Final = 1.0
 """Samples of one such block count as one: residuals are autocorrelated."""
 SLICES: Final = 12
-"""Of a driver, with equally many samples each."""
+"""Number of slices of a driver, with equally many samples each."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ _PRIOR_WIDTHS = (0.003, 0.01, 0.03, 0.1)
 
 @dataclass(frozen=True)
 class ResidualCurves:
-    """What free curves add to an explanation."""
+    """Free curves that are added to an explanation."""
 
     evidence: float
     """Log Bayes factor of the curves against none."""

@@ -30,9 +30,9 @@ class StandDiagnosis:
     diagnosis: Diagnosis
     findings: StandAnalysis
     constant: ThrustConstant | None
-    """Of a plain propeller."""
+    """Thrust constant of a plain propeller."""
     earlier_model: Model | None = None
-    """Model of earlier runs, that these were compared with."""
+    """Model of earlier runs that these runs were compared with."""
 
 
 def diagnose_stand(

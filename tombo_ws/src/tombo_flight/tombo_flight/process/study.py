@@ -19,9 +19,9 @@ from tombo_flight.scenario import Scenario
 FlightRow = dict[str, Any]
 """Figures of a flight by name; `error` says why one could not be flown."""
 _CLUSTER_WORKERS = 64
-"""Of a cluster, whose size may change: the number of parts of the flights."""
+"""Workers that are assumed of a cluster, whose size may change."""
 _BATCHES = 24
-"""Batches that each worker gets at least, so that all end at about the same time."""
+"""Least number of batches of a worker, so that all end at about the same time."""
 _LARGEST_BATCH = 64
 
 
@@ -31,7 +31,7 @@ class Task(NamedTuple):
     key: Any
     """Number or name of its row."""
     point: Any
-    """As `FlownStudy.scenario_at` takes it."""
+    """Argument of `FlownStudy.scenario_at`."""
     seed: int
 
 

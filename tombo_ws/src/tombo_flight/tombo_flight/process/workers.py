@@ -126,7 +126,7 @@ def _end_with_parent() -> None:
 _AHEAD = 4
 """Items handed out to each thread of the cluster in advance."""
 _ANSWERS_S = 4.0
-"""So long a scheduler may take to answer."""
+"""Time that a scheduler may take to answer."""
 _CLUSTER_LOOK_S = 0.02
 _here = threading.local()
 

@@ -114,9 +114,9 @@ class Series:
     """A field of a topic, and how it is compared."""
 
     key: str
-    """Of the figures."""
+    """Key of the figures."""
     name: str
-    """On a page."""
+    """Name on a page."""
     topic: str
     field: str
     unit: str

@@ -39,7 +39,7 @@ _STATISTIC_ERROR = 1e-9
 
 @dataclass(frozen=True)
 class ReplayRequest:
-    """What to replay, and how."""
+    """Recording to replay, and its options."""
 
     nodes: tuple[str, ...] = ()
     """Empty: every node whose inputs are there."""

@@ -204,7 +204,7 @@ def _point(value: Any) -> Point | None:
 
 
 PAPER_SCENARIOS: Final = ("paper_collision", "known_obstacle")
-"""Those that are the paper's experiment; the figures of others are not held against it."""
+"""Scenarios of the paper's experiment; figures of others are not compared with it."""
 Value = float | str | Point | None
 """A number or a point in the figure's unit, or words; None: there is none."""
 
@@ -221,7 +221,7 @@ class Figure:
     paper: Value = None
     """Printed by the paper for its experiment with the reaction."""
     factor: float = 1.0
-    """From the summary's unit to `unit`."""
+    """Factor from the summary's unit to `unit`."""
     derived: Callable[[FlightMilestones], Value] | None = None
     """Computes it where the summary does not have it."""
     card: bool = False
@@ -277,14 +277,14 @@ FIGURES: Final = (
     Figure("max_tilt_rad", "Largest tilt", "°", 1, factor=180.0 / math.pi, card=True),
     Figure("settled_error_m", "Settled error", "m", 3, card=True),
 )
-"""Those of a report, in their order."""
+"""Figures of a report, in their order."""
 MORE: Final = (
     Figure("hover_rms_m", "RMS error in hover", "m", 3),
     Figure("approach_rms_m", "RMS error in the approach", "m", 3),
     Figure("false_alarms", "False alarms", "", 0),
     Figure("strikes", "Strikes", "", 1),
 )
-"""Those of terminals and sweeps alone."""
+"""Figures of terminals and sweeps alone."""
 BY_KEY: Final = {figure.key: figure for figure in (*FIGURES, *MORE)}
 
 

@@ -36,7 +36,7 @@ DPI: Final = 150
 _BEFORE_S, _AFTER_S = 2.0, 6.0
 """Time that the zoomed column shows before and after the contact."""
 _HEIGHTS: Final = (0.7, 2.0, 2.0, 2.0, 2.0, 0.6)
-"""Of the rows: phase, horizontal position, height, attitude, thrust, fold."""
+"""Heights of the rows: phase, horizontal position, height, attitude, thrust, fold."""
 _PLACES: Final = {"left": 0.062, "right": 0.982, "top": 0.9, "bottom": 0.055}
 _LETTER: Final = 0.0135
 """Width of a letter as a share of a panel, generously."""

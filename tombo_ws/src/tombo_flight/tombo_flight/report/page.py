@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Medium = Literal["both", "page", "terminal"]
-"""What shows a section: `page` is the HTML page."""
+"""Medium that shows a section: `page` is the HTML page."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class Page:
     """A page of results."""
 
     title: str
-    """Of the browser's tab."""
+    """Title of the browser's tab."""
     eyebrow: str
     """Small line above the headline."""
     headline: str

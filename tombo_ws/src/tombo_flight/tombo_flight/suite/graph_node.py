@@ -32,7 +32,7 @@ from tombo_ros.operator_requests import OperatorRequests
 from tombo_ros.topic import message_class
 
 _PATIENCE_S = 20.0
-"""So long a node may take to be discovered, or to answer, on a busy machine."""
+"""Time that a node may take to be discovered, or to answer, on a busy machine."""
 _MEET_S = 5.0
 """Time in which all nodes and topics have been discovered after the first, on a busy machine."""
 _BRIDGE_S = 0.5

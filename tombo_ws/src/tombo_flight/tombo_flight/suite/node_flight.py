@@ -58,7 +58,7 @@ _RELAYED_S = 5.0
 
 @dataclasses.dataclass
 class NodeRun:
-    """What happened to the processes of a flight by nodes.
+    """Events of the processes of a flight by nodes.
 
     Attributes:
         wall_s: how long the flight took.
@@ -96,7 +96,7 @@ class FlightMonitor:
         """Stamp of the last state."""
         self._end_s = scenario.duration
         self.phase: int | None = None
-        """Of the mission; None: not reported yet."""
+        """Phase of the mission; None: not reported yet."""
 
     @property
     def flown_s(self) -> float:

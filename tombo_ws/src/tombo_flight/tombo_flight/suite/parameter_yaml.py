@@ -32,7 +32,7 @@ BRIDGE_SECTIONS: Final = ("vehicle", "volume", "safety")
 _WHOLE = ("safety", "volume", "spread")
 """Sections that a scenario's mapping leaves defaults out of."""
 _ANYWHERE = "/**/"
-"""In every namespace, and in none."""
+"""Pattern of nodes in every namespace, and in none."""
 _PARAMETERS = "ros__parameters"
 
 Parameters = dict[str, dict[str, Any]]

@@ -13,11 +13,11 @@ from tombo_flight.suite.node_diagnostics import NodeStatus, recorded_diagnostics
 from tombo_px4.bridge.session import SessionStage
 
 READY_S: Final = 25.0
-"""From the first word of the bridge: EKF2 converges, checks pass, the vehicle arms."""
+"""Time from the bridge's first status: EKF2 converges, checks pass, the vehicle arms."""
 START_S: Final = 60.0
-"""From the start of the processes to the first word of the bridge."""
+"""Time from the start of the processes to the bridge's first status."""
 _DISARM_S: Final = 12.0
-"""After the flight: PX4 disarms 2 s after landing, the bridge asks 4 s after it."""
+"""Time after the flight: PX4 disarms 2 s after landing, the bridge asks 4 s after it."""
 _GIVEN_UP: Final = SessionStage.GIVEN_UP.value
 _LOSSES: Final = ("flight_lost", "axes_wrong", "disarmed")
 """Faults with which the bridge, or PX4, ends a flight that nobody has ended."""
@@ -56,12 +56,12 @@ class BridgeMonitor:
 
     @property
     def armed(self) -> bool:
-        """As far as the bridge knows."""
+        """Whether the vehicle is armed, as far as the bridge knows."""
         return bool(self._status.get("armed", False))
 
     @property
     def mode(self) -> str:
-        """Of PX4."""
+        """Flight mode of PX4; "unknown" before its first report."""
         return str(self._status.get("mode", "")) or "unknown"
 
     @property

@@ -41,7 +41,7 @@ _MOST_SHOWN = 10
 
 @dataclass(frozen=True)
 class Program:
-    """What to run.
+    """A program to run.
 
     Attributes:
         name: its log is `<name>.log`.

@@ -21,7 +21,7 @@ DESIGNS = ("full", "lhs", "sobol")
 MOST_LEVELS = 10_000
 MOST_SAMPLES = 10_000_000
 _DRAW_SEED = 0
-"""Of Latin hypercube and Sobol: the same command has the same points."""
+"""Seed of Latin hypercube and Sobol: the same command has the same points."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?")
 _DISTRIBUTION = re.compile(rf"([a-z_]\w*)\(\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*\)")
@@ -36,14 +36,14 @@ class Axis:
     """A setting that is varied: over levels, between two numbers, or with a distribution."""
 
     key: str
-    """As of --set: "vehicle.mass"."""
+    """Key as of --set: "vehicle.mass"."""
     levels: tuple[str, ...] = ()
     """Values as texts of --set."""
     low: float = 0.0
     high: float = 0.0
     """Ends of a range without levels."""
     distribution: str = ""
-    """Of scipy.stats, with its arguments: "norm(1.3,0.02)"."""
+    """Distribution of scipy.stats, with its arguments: "norm(1.3,0.02)"."""
 
     @property
     def numeric(self) -> bool:

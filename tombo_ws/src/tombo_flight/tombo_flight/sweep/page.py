@@ -45,7 +45,7 @@ from tombo_flight.sweep.results import (
 from tombo_flight.sweep.study import SweepStudy
 
 _FEW_COLUMNS: Final = (0, 1, 3, 5)
-"""Of the table of points, for which a terminal has room; of ranges the median."""
+"""Columns of the table of points that fit a terminal; of ranges the median."""
 _DESIGNS: Final = {"full": "full factorial", "lhs": "Latin hypercube", "sobol": "Sobol sequence"}
 _CSS: Final = """
 header, main, footer { max-width: 1400px; }

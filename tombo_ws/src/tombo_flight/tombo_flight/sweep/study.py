@@ -29,7 +29,7 @@ CASE = "case"
 """Column of the case, where there is more than one."""
 REACTION = "reaction.name"
 _NETWORK = ":"
-"""Between the reaction `policy` and the file of its network."""
+"""Separator between the reaction `policy` and the file of its network."""
 _CASES = "cases"
 
 FIGURES: Mapping[str, str] = {
@@ -91,7 +91,7 @@ class Case:
     label: str
     """Name of the scenario."""
     values: Mapping[str, Any]
-    """Of the scenario without settings, in the types of JSON."""
+    """Values of the scenario without settings, in the types of JSON."""
 
 
 MOST_FLIGHTS = 10_000_000

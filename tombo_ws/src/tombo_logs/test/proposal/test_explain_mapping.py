@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import GRAVITY
 from tombo_logs.proposal.explain import explain_mapping
-from tombo_logs.proposal.names import parsed
+from tombo_logs.proposal.names import parse_column_name
 from tombo_logs.proposal.propose import propose
 from tombo_logs.readers.csv_mapping import parse_mapping
 from tombo_logs.readers.log_reader import read_log
@@ -119,7 +119,7 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
     ],
 )
 def test_names_are_taken_apart(raw, parts):
-    assert parsed(raw) == parts
+    assert parse_column_name(raw) == parts
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ INERTIAL_WIDTH: Final = 0.01
 """IMU and commands where poses are missing."""
 
 RATE: Final = 50.0
-"""Of the clock on which poses and IMU are compared [Hz]."""
+"""Rate of the clock on which poses and IMU are compared [Hz]."""
 INDEPENDENT: Final = RATE * POSE_WIDTH * 2.0 * np.sqrt(np.pi)
 """Rows of that clock for each independent one, behind `POSE_WIDTH`."""
 _REACH: Final = 4.0

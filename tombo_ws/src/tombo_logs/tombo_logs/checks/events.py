@@ -59,7 +59,7 @@ class Event:
     """accel (a spike), gyro (a jump), track (its velocity jumps), leap (more than anything that
     flies could), turn (the attitude's rate jumps) or lean."""
     size: float = 0.0
-    """In its own unit."""
+    """Size of the event, in its own unit."""
 
 
 def accel_events(accel: Series, p_t: Array, p_acceleration: Array) -> list[Event]:

@@ -14,7 +14,7 @@ from tombo_logs.checks.spans import Mask, Span, merged, runs, sample_interval
 _RESET_S = 0.5
 """Stamps that go back by more are a clock that was set, not messages out of order."""
 _LARGEST = 1e7
-"""Beyond it, no value of any channel is one."""
+"""Larger numbers are not values of any channel."""
 _HELD_SHARE = 0.3
 """Share of repeated values from which on a channel counts as held on a faster clock."""
 _WRONG_POSE, _TIMES_NOISE = 0.01, 10.0

@@ -13,7 +13,7 @@ from tombo_dynamics.errors import InputError
 Mask = NDArray[np.bool_]
 Span = tuple[float, float]
 _MOST_ROWS = 1_000_000
-"""Of an even clock: 5 h at 50 Hz."""
+"""Largest number of rows of an even clock: 5 h at 50 Hz."""
 
 
 def check_extent(begin: float, end: float, rate: float) -> None:

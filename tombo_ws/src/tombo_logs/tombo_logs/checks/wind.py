@@ -48,7 +48,7 @@ class Push:
     steady: Array
     """(2,) along map x, y [m/s^2]."""
     deviation: float
-    """Of its size: one standard deviation [m/s^2]."""
+    """One standard deviation of its size [m/s^2]."""
     drag: float
     """Per mass [1/s]."""
     drag_deviation: float
@@ -57,7 +57,7 @@ class Push:
 
     @property
     def size(self) -> float:
-        """Of the steady part [m/s^2]."""
+        """Size of the steady part [m/s^2]."""
         return float(np.linalg.norm(self.steady))
 
 

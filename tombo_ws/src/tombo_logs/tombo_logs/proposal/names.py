@@ -33,15 +33,15 @@ class ColumnName(NamedTuple):
     """The parts of a column's name."""
 
     words: tuple[str, ...]
-    """In small letters, without axis, number and unit."""
+    """Words of the name in small letters, without axis, number and unit."""
     axis: str
     """w, x, y, z, roll, pitch or yaw; empty: none."""
     number: int | None
-    """Of an element or a motor, as written."""
+    """Number of an element or a motor, as written."""
     unit: str
 
 
-def parsed(raw: str) -> ColumnName:
+def parse_column_name(raw: str) -> ColumnName:
     """Split a name into its parts: `imu_acc_x`, `a_RS_S_x [m s^-2]`, `esc[0].esc_rpm`."""
     text, unit = raw.strip().lstrip("#").strip(), ""
     bracket = _BRACKETED.search(text)
@@ -94,7 +94,7 @@ def grouped(names: Iterable[str]) -> list[ColumnGroup]:
     """Group columns that differ in axis or number only, in order of appearance."""
     groups: dict[tuple[object, ...], ColumnGroup] = {}
     for raw in names:
-        words, axis, number, unit = parsed(raw)
+        words, axis, number, unit = parse_column_name(raw)
         kind = "angle" if len(axis) > 1 else "axis" if axis else "number"
         key = (words, unit, kind, number if axis else None)
         group = groups.setdefault(key, ColumnGroup(words, unit, {}))

@@ -121,7 +121,7 @@ class _ForeignTopics:
         """
         self.findings: list[Finding] = []
         self.tables: dict[str, ColumnTable] = {}
-        """By key of a clock, each with `log_time_ns` and `stamp_ns`."""
+        """Key of a clock → its table, with `log_time_ns` and `stamp_ns`."""
         self.channels: dict[str, tuple[str, Array]] = {}
         """Channel → key of its table, and values."""
         self.px4: dict[str, Series] = {}

@@ -29,7 +29,7 @@ M = TypeVar("M")
 Parse = Callable[[str, str], M]
 """(text, name) to the mapping that is checked."""
 _FARTHEST = 1e9
-"""Of any number in a mapping."""
+"""Largest size of a number in a mapping."""
 _LARGEST = 200_000
 """Bytes; a mapping is some hundred."""
 ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3, "matrix": 9}
@@ -38,7 +38,7 @@ ORDERS = {"xyzw": 4, "wxyz": 4, "rpy": 3, "ypr": 3, "matrix": 9}
 Quaternion; roll, pitch and yaw; rotation matrix, column by column.
 """
 _SMALLEST = 1e-9
-"""Of an airframe's values, which are above 0."""
+"""Least value of an airframe, which is above 0."""
 ATTITUDES = ("attitude", "estimated_attitude", "attitude_setpoint")
 """Channels that are one."""
 
@@ -58,12 +58,12 @@ class ChannelMap:
     """Where a channel comes from."""
 
     columns: tuple[str, ...]
-    """As in the file; with a minus before it, of the opposite sign."""
+    """Names as in the file; a minus before a name changes the sign."""
     unit: str
     order: str = "xyzw"
-    """Of an attitude: one of ORDERS."""
+    """Order of an attitude: one of ORDERS."""
     range: tuple[float, float] | None = None
-    """Of a motor command: values of 0 and of 1."""
+    """Values of a motor command that mean 0 and 1."""
     axes: tuple[str, ...] | None = None
     """Of gyro and accel where they have axes of their own: ours in terms of the file's."""
     time: TimeColumn | None = None

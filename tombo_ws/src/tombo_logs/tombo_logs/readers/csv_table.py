@@ -41,7 +41,7 @@ class CsvTable:
     body: bytes
     """Below the header."""
     damage: tuple[str, ...]
-    """What of the file is lost."""
+    """Descriptions of lost parts of the file."""
     remarks: tuple[str, ...] = ()
     """How its numbers are understood, where that is not plain."""
     mapping: str = ""

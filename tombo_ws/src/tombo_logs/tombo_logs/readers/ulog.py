@@ -68,7 +68,7 @@ _ARMING = {1: "disarmed", 2: "armed"}
 """Numbers of PX4's VehicleStatus.msg, v1.17."""
 _BROKEN = (ULogException, struct.error, IndexError, KeyError, ValueError, TypeError,
            AttributeError, OverflowError)  # fmt: skip
-"""What pyulog raises on a file that is none, or that ends within its definitions."""
+"""Errors of pyulog for another file format, or a file that ends within its definitions."""
 
 
 def read_ulog(path: Path, name: str, mapping: LogMapping | None = None) -> Flight:

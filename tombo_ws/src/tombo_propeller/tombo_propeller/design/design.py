@@ -36,7 +36,7 @@ class CandidateTable:
     configurations: Sequence[Configuration]
     operating: FlightPerformance
     readings: Mapping[str, MeanReading]
-    """What predicts each of MEASURED."""
+    """Quantity of MEASURED → its prediction."""
     properties: Array
     """(n, 5) of each nodus, columns as in PROPERTIES."""
     tested: Array

@@ -59,9 +59,9 @@ class Check:
     """Collision force and recovery time that were flown with."""
     recovery_s: float
     largest_fall_m: float
-    """Of all flights; NaN if none touches."""
+    """Largest fall of all flights; NaN if none touches."""
     longest_settling_s: float
-    """From touch to rest at x_r; NaN if none comes to rest."""
+    """Time from touch to rest at x_r; NaN if none comes to rest."""
     limits: tuple[FigureCheck, ...]
     """The limits that flights can confirm, with their figures."""
     claims: tuple[FigureCheck, ...]
@@ -79,10 +79,10 @@ class Check:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """What to build, and the flights behind it."""
+    """The recommended candidate, and its flights."""
 
     index: int | None
-    """Of the candidate; None: nothing keeps to the limits and recovers as well."""
+    """Index of the candidate; None: none keeps to the limits and recovers."""
     check: Check | None
     """Its flights; None without flights."""
     failed: tuple[tuple[int, Check], ...]

@@ -20,7 +20,7 @@ _CONTACT_X = 1.7
 """Where the vehicle is when it touches, x_c of the paper's flight [m]."""
 _PILLAR_RADIUS = 0.25
 _TOWARDS = (0.3469, 0.1003)
-"""From the front-left hub to the pillar's axis in the paper's scenario [m]."""
+"""Vector from the front-left hub to the pillar's axis in the paper's scenario [m]."""
 
 
 def is_built_in(configuration: Configuration) -> bool:

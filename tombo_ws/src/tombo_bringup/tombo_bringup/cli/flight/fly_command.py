@@ -86,7 +86,7 @@ def fly(
 
     many = None if several.seeds is None else parse_seeds(several.seeds)
     given = {**vars(draw), **vars(several), **vars(variation), **vars(pace), **vars(domain)}
-    options.check_options(_RULES, {**given, **vars(more), **px4.given})
+    options.check_options(_RULES, {**given, **vars(more), **px4.values})
     real = px4.url is not None and more.scenario is None
     seed, scenario = draw.seed or 0, more.scenario or (_REAL if real else _SIMULATED)
     fixed = [*([_REAL_HEIGHT] if real else []), *variation.changes]

@@ -20,7 +20,7 @@ PX4_RULES: tuple[Rule, ...] = (
     ("bridge", ("px4",), ()),
     ("model", (), ("px4 URL",)),
 )
-"""Of commands with this option; a model changes a simulated vehicle, not one at a URL."""
+"""Rules of commands with this option; a model changes a simulated vehicle, not one at a URL."""
 
 
 @record
@@ -47,7 +47,7 @@ class Px4Options:
         return None if self.px4 in (SIMULATED, PX4_OF_LAB) else self.px4
 
     @property
-    def given(self) -> dict[str, Any]:
+    def values(self) -> dict[str, Any]:
         """Name → value of these options, and of the URL, as `check_options` takes them."""
         return {**vars(self), "px4 URL": self.url}
 

@@ -79,7 +79,7 @@ def up(
     speed = 1.0 if pace.speed is None else pace.speed
     vehicles = more.vehicles or 0
     given = {"speed": None if speed == 1.0 else speed, "vehicles": more.vehicles}
-    options.check_options(_RULES, vars(variation) | px4.given | given)
+    options.check_options(_RULES, vars(variation) | px4.values | given)
     connection = px4.connection()
     changes, without = variation.changes, tuple(more.without or ())
     over = {} if connection is None else over_mavlink(connection)

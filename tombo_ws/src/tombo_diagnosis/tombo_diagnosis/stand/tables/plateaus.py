@@ -19,19 +19,19 @@ LOADS = ("thrust", "torque", "beta", "reference_speed")
 """Thrust [N], torque [N m], flap angle [rad], second tachometer [rad/s]."""
 SIGMAS = tuple(f"{name}_sigma" for name in LOADS)
 _MAX_LAG_SHARE = 0.05
-"""Of a recording's rows."""
+"""Largest lag, as a share of a recording's rows."""
 _MIN_PLATEAU_ROWS = 5
 """Rows of a plateau."""
 _MIN_OUTLIER_SIGMAS = 6.0
 _DEFAULT_NOISE_SHARE = 0.01
-"""Noise in shares of a channel's range where too few points are there to find it."""
+"""Noise as a share of a channel's range, if too few points show it."""
 
 
 def plateaus(table: StandTable) -> tuple[pd.DataFrame, list[Finding]]:
     """Return the operating points of a recording, or the rows of a table that has them already.
 
-    Columns are speed [rad/s], row (where a point begins), elapsed (0 to 1), the LOADS by rotor,
-    and in SIGMAS their standard deviations, with the same units.
+    Columns are speed [rad/s], row (where a point begins), elapsed (0 to 1) and the LOADS by rotor.
+    Columns SIGMAS have the standard deviations of the loads, in the same units.
     """
     channels = {k: table.channels[k].copy() for k in LOADS if k in table.channels}
     speed = table.channels["speed"]

@@ -24,7 +24,7 @@ _WINDOW: Final = round(5.0 * RATE)
 _REACH: Final = round(0.5 * RATE)
 """Largest lag that is searched [rows]."""
 _MIN_CORRELATION: Final = 0.8
-"""Of a window whose lag counts."""
+"""Least correlation of a window whose lag counts."""
 _MIN_SURE_CORRELATION: Final = 0.95
 """Median of the windows from which on scattering lags are those of the clocks."""
 _MIN_WINDOWS: Final = 4
@@ -49,7 +49,7 @@ class LagLine:
     first: float
     """Lag of the first window [s]."""
     length: float
-    """From the first to the last window [s]."""
+    """Time from the first to the last window [s]."""
     scatter: float
     """Standard deviation of the lags about the line [s]."""
     correlation: float
