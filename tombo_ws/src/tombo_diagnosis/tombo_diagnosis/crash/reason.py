@@ -60,7 +60,6 @@ class Why:
     findings: tuple[Finding, ...]
     """Findings of the checks of the log."""
     flight: Flight
-    motion: CrashMotion
 
 
 _TRIED: Final = {
@@ -109,7 +108,7 @@ def why(log: Flight) -> Why:
     stated = _sound(motion) if cause == "none" else succession(*_TRIED[cause])
     if any(is_doubt(f) for f in findings):
         stated = min(stated, succession(*_DOUBTED))
-    return Why(cause, time, stated, members, tuple(line), findings, log, motion)
+    return Why(cause, time, stated, members, tuple(line), findings, log)
 
 
 def is_doubt(finding: Finding) -> bool:
