@@ -178,9 +178,9 @@ class StandProblem:
             result[p.effect] = (*result.get(p.effect, ()), float(value))
         return result
 
-    def prediction(self, theta: Array, draws: Draws | None = None) -> Array:
+    def prediction(self, theta: Array) -> Array:
         """Return the readings (N, 4) under parameters."""
-        return predict(self.points.setup, self.values(theta), draws)
+        return predict(self.points.setup, self.values(theta))
 
     def residual(self, theta: Array) -> Array:
         """Return measured minus predicted (N, 4), 0 where there is none."""
