@@ -53,7 +53,7 @@ def noise(effect="imu_noise", evidence=STRONG, free=(3,)):
 
 def remainder(rest, noisy=(), gusts=None, residual_r2=0.0, explained=0.0):
     figures = FlightRemainder(
-        False, 0.0, False, explained=explained, scatter=tuple(noisy), gusts=gusts,
+        False, 0.0, False, scatter=tuple(noisy), gusts=gusts,
         residual_excesses=tuple(rest), residual_r2=residual_r2,
         expected=ScaleVariances((), (), np.zeros((0, 0)), np.zeros((0, 0))),
     )  # fmt: skip

@@ -145,8 +145,6 @@ class Remainder:
     """Stochastic effect -> log Bayes factor, where the remainder shows it."""
     imitated: Mapping[str, Collection[str]] = field(default_factory=dict)
     """Stochastic effect -> causes that may be confused with another force, if it is present."""
-    explained: float = 0.0
-    """Share of the excess that the best explanation removes."""
     clean_where_explained: bool = False
     """The remainder is known noise in every group of channels that the causes concern."""
 

@@ -243,7 +243,7 @@ def check_residual(problem: FlightProblem, result: SearchResult) -> FlightRemain
     return weigh_remainder(
         FlightRemainder(
             clean=False, p_unexplained=0.0, mostly_explained=False,  # `weigh_remainder` sets them
-            explained=explanation.mean, scatter=tuple(noise_fits), all_noise_fits=tuple(fits),
+            scatter=tuple(noise_fits), all_noise_fits=tuple(fits),
             gusts=gusts, expected=expected, residual_excesses=tuple(excesses),
             residual_r2=residual_r2,
         ),
@@ -275,7 +275,7 @@ def weigh_remainder(
     `explanation` is what the best explanation takes away of the excess. `thrust_fitted`: thrust
     was fitted to the same flights, so healthy noise is not known.
     """
-    gusts, explained = remainder.gusts, remainder.explained
+    gusts = remainder.gusts
     accepted = gusts is not None and remainder.residual_r2 < _MAX_GUST_R2 and not gusts.at_edge
     excess = max((each.excess for each in remainder.residual_excesses), default=-math.inf)
     unexplained = [
@@ -285,11 +285,11 @@ def weigh_remainder(
     if thrust_fitted:
         predicted = remainder.residual_r2 * (1.0 - explanation.of_forces)
         clean = (
-            explained > _MIN_EXPLAINED_CALIBRATED
+            explanation.mean > _MIN_EXPLAINED_CALIBRATED
             and explanation.of_forces > _MIN_REMOVED_CALIBRATED
             and (remainder.residual_r2 < _MAX_R2_CALIBRATED or predicted < _MAX_PREDICTED_SHARE)
         )
-        mostly = min(explained, explanation.of_forces) > _MIN_PARTIAL_SHARE_CALIBRATED
+        mostly = min(explanation.mean, explanation.of_forces) > _MIN_PARTIAL_SHARE_CALIBRATED
         clean_where_explained = clean
     else:
         clean = not unexplained
