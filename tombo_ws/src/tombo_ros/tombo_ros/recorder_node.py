@@ -47,7 +47,8 @@ class RecordedTopic(PolledSubscription):
     """One recorded topic: its messages go into the file as they are pulled, and none waits."""
 
     def __init__(self, recorder: RecorderNode, name: str, typename: str, qos: Qos) -> None:
-        super().__init__(recorder.ros, TopicSpec(f"/{name}", typename, qos, 0.0, ""), DEPTH)
+        spec = TopicSpec(f"/{name}", typename, qos, 0.0, "")
+        super().__init__(recorder.ros, spec=spec, depth=DEPTH)
         self.name, self.typename, self.qos = name, typename, qos
         self.sequence_counter = SequenceCounter()
         self._recorder = recorder
