@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -122,24 +122,11 @@ class _OtherBody:
         return first_position + noise[:3] + swing, turned
 
 
-BAD_BODIES: Final[Mapping[str, tuple[Callable[[], AsMocap], str]]] = {
-    "body on the floor": (_OtherBody, "does not move"),
-    "frozen from the start": (lambda: _OtherBody(noise=0.0), "repeats"),
-    "frozen in flight": (lambda: _OtherBody(0.6, noise=0.0), "repeats"),
-    "stuck in flight, with noise": (lambda: _OtherBody(0.6), ""),
-    "body of another vehicle": (lambda: _OtherBody(swing_m=0.1), "another body"),
-    "positions x 1.5": (lambda: lambda place, q: (1.5 * place, q), "times as far"),
-    "positions x 0.6": (lambda: lambda place, q: (0.6 * place, q), "times as far"),
-    "millimetres": (lambda: lambda place, q: (1e3 * place, q), "millimetres"),
-}
-"""Name -> what the motion capture sends, made anew for each flight, and a word of the message."""
 _LEVEL: Final = (
     *("body yawed by 90 deg", "body yawed by 180 deg", "body yawed by 45 deg"),
     *("mirrored in y", "x and y of positions exchanged"),
 )
 """Those that a vehicle at rest does not show: with the proof of another body they are armed."""
-
-
 _OLD: Final = ", old proof"
 """End of the names of flights that are armed with a proof that is not theirs."""
 
@@ -152,11 +139,18 @@ def wrong_axes_flights() -> Mapping[str, tuple[AsMocap | None, bool, str]]:
     found: dict[str, tuple[AsMocap | None, bool, str]] = {"as it should be": (None, True, "")}
     found |= {name: (wrong.make, True, wrong.word) for name, wrong in WRONG_AXES.items()}
     found["good, but not proven"] = (None, False, "not proven")
-    for name in _LEVEL:
-        found[f"{name}{_OLD}"] = (WRONG_AXES[name].make, False, "")
-    for name, (make, word) in BAD_BODIES.items():
-        found[f"{name}{_OLD}"] = (make(), False, word)
-    return found
+    old: dict[str, tuple[AsMocap, str]] = {
+        **{name: (WRONG_AXES[name].make, "") for name in _LEVEL},
+        "body on the floor": (_OtherBody(), "does not move"),
+        "frozen from the start": (_OtherBody(noise=0.0), "repeats"),
+        "frozen in flight": (_OtherBody(0.6, noise=0.0), "repeats"),
+        "stuck in flight, with noise": (_OtherBody(0.6), ""),
+        "body of another vehicle": (_OtherBody(swing_m=0.1), "another body"),
+        "positions x 1.5": (lambda place, q: (1.5 * place, q), "times as far"),
+        "positions x 0.6": (lambda place, q: (0.6 * place, q), "times as far"),
+        "millimetres": (lambda place, q: (1e3 * place, q), "millimetres"),
+    }
+    return found | {f"{name}{_OLD}": (make, False, word) for name, (make, word) in old.items()}
 
 
 def fly_wrong_axes(setup: Px4Setup, name: str) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from scipy.stats import binomtest
 
-from tombo_bag.flight import Flight
 from tombo_benchmarks.diagnosis.runner import Row
 from tombo_benchmarks.real.trials import NOTHING, Trial
 from tombo_bringup.cli.diagnose_command import changes
@@ -39,7 +38,9 @@ def answer_of(trial: Trial, folder: Path) -> tuple[str, frozenset[str], float]:
     Raises:
         InputError: the logs can't be used.
     """
-    new, healthy = _flights(trial, folder)
+    paths = [folder / log for log in (*trial.logs, *trial.healthy)]
+    flights = read_logs(paths, mapping=trial.mapping)
+    new, healthy = flights[: len(trial.logs)], flights[len(trial.logs) :]
     if trial.way == "why":
         reason = why(new[0])
         if reason.cause in ("none", "unknown", "set"):
@@ -54,13 +55,6 @@ def answer_of(trial: Trial, folder: Path) -> tuple[str, frozenset[str], float]:
         frozenset([c.effect for c in found.causes] or found.set),
         found.confidence,
     )
-
-
-def _flights(trial: Trial, folder: Path) -> tuple[list[Flight], list[Flight]]:
-    """Return new and healthy flights."""
-    paths = [folder / log for log in (*trial.logs, *trial.healthy)]
-    flights = read_logs(paths, mapping=trial.mapping)
-    return flights[: len(trial.logs)], flights[len(trial.logs) :]
 
 
 def _changed(found: Diagnosis) -> frozenset[str]:

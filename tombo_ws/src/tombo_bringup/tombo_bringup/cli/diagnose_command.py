@@ -98,13 +98,21 @@ def diagnose(
 
         sessions = _sessions(given.sessions or [])
         healthy = given.healthy
+
+        def compare(on_progress: ProgressCallback) -> tuple[Diagnosis, ChangeData]:
+            from tombo_logs.readers.log_reader import logs_in, read_logs
+
+            on_progress(f"reading {logs[0].name} and others", 0.0)
+            count = sum(len(logs_in(path)) for path in logs)
+            flights = read_logs([*logs, *healthy], mapping=reading.mapping, names=names)
+            on_progress("loading the model", 0.5)  # imports compiled code
+            return changes(flights[:count], flights[count:], sessions, on_progress)
+
         publish(
             results,
             name,
             REPORT_FILES,
-            lambda on_progress: run_change(
-                logs, healthy, reading.mapping, names, sessions, on_progress
-            ),
+            compare,
             lambda both, folder: change_page(*both),
             lambda folder, both, _: write_report(folder, change_page(*both), pictures=pictures),
         )
@@ -165,30 +173,6 @@ def _sessions(given: list[str]) -> dict[str, str]:
             raise InputError(f"--session {text}: accepted: NAME=PATTERN, as monday=normal_[123]")
         sessions[pattern] = name
     return sessions
-
-
-def run_change(
-    new: list[Path],
-    healthy: list[Path],
-    mapping: str | None,
-    names: dict[str, str],
-    sessions: dict[str, str],
-    on_progress: ProgressCallback,
-) -> tuple[Diagnosis, ChangeData]:
-    """Read the flights, all of them once, check, and compare; `sessions`: pattern -> name.
-
-    Raises:
-        InputError: a log, the mapping, or all flights of one side can't be used; a flight is on
-            both sides; or a session has no flight.
-    """
-    from tombo_logs.readers.log_reader import logs_in, read_logs
-
-    on_progress(f"reading {new[0].name} and others", 0.0)
-    count = sum(len(logs_in(path)) for path in new)
-    flights = read_logs([*new, *healthy], mapping=mapping, names=names)
-
-    on_progress("loading the model", 0.5)  # imports compiled code
-    return changes(flights[:count], flights[count:], sessions, on_progress)
 
 
 def changes(

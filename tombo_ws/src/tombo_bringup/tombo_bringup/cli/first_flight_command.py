@@ -45,8 +45,9 @@ def first_flight(
     first_flight.yaml next to the recordings; the same command goes on with the first step that is
     not passed. The steps: docs/first_real_flight.md.
     """
-    from tombo_bringup.first_flight.checks import Session, lab_of
+    from tombo_bringup.first_flight.checks import Session
     from tombo_bringup.first_flight.runner import FILE, Answers, do_steps, read_record, steps_to_do
+    from tombo_bringup.lab_file import read_lab
     from tombo_dynamics.yaml_text import parse_yaml, read_text
     from tombo_flight.yaml_file import mapping_of
 
@@ -54,7 +55,9 @@ def first_flight(
     if not name:
         raise InputError("no lab file; accepted: --lab FILE, or TOMBO_LAB")
     file = Path(name)
-    lab = lab_of(file)
+    lab = read_lab(file)
+    if not lab.url:
+        raise InputError(f"'{file}': no px4.url; accepted: as serial:///dev/ttyUSB0:921600")
     answers: Any = {}
     if given.answers is not None:
         label = f"'{given.answers}'"

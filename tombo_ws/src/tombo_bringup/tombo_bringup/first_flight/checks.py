@@ -24,7 +24,6 @@ from typing import Any
 from tombo_bringup.lab_file import Lab
 from tombo_control.safety.params import FlightVolume
 from tombo_dynamics.arrays import Array
-from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import ROTOR_NAMES, SPIN
 from tombo_flight.process.output_folder import make_numbered
 from tombo_flight.scenario import load_scenario
@@ -481,17 +480,3 @@ def check_diagnosis(session: Session) -> Outcome:
     causes = ", ".join(cause["effect"] for cause in found["causes"])
     verdict = f"{found['verdict']}{': ' * bool(causes)}{causes}"
     return Outcome("", verdict, {"report": f"{session.folder}/diagnosis"})
-
-
-def lab_of(file: Path) -> Lab:
-    """Return the lab of a file that names a link to PX4.
-
-    Raises:
-        InputError: it names none.
-    """
-    from tombo_bringup.lab_file import read_lab
-
-    lab = read_lab(file)
-    if not lab.url:
-        raise InputError(f"'{file}': no px4.url; accepted: as serial:///dev/ttyUSB0:921600")
-    return lab

@@ -44,44 +44,33 @@ def diagnose(
     from tombo_diagnosis.report.stand_page import STAND_FILES, stand_page, write_stand
 
     options.check_options(_RULES, {**vars(given), **vars(propeller)})
+
+    def compute(on_progress: ProgressCallback) -> StandDiagnosis:
+        from tombo_diagnosis.stand.diagnose import diagnose_stand
+        from tombo_diagnosis.stand.tables.table_reader import read_stand
+        from tombo_dynamics.propeller import configuration, parameter_row
+        from tombo_dynamics.propeller.effects import STAND_EFFECTS
+        from tombo_flight.extended_model import read_model
+
+        number = _CONF if propeller.conf is None else propeller.conf
+        formulas = _LAW if propeller.law is None else propeller.law
+        parameter_row(configuration(number), formulas)
+        known = None if model.model is None else read_model(Path(model.model), STAND_EFFECTS)
+        read = []
+        for k, path in enumerate(given.tables):
+            on_progress(f"reading {path.name}", k / len(given.tables))
+            read.append(read_stand(path, reading.mapping))
+        if all(t.mapping.model == "plain" for t in read):
+            options.check_options(_RULES, {**vars(propeller), "plain": True})
+        return diagnose_stand(
+            read, number, formulas, given.plain, on_progress, time.perf_counter, known
+        )
+
     publish(
         results,
         f"stand-{given.tables[0].name.split('.')[0]}",
         STAND_FILES,
-        lambda on_progress: run(given, reading.mapping, propeller, model.model, on_progress),
+        compute,
         lambda stand, folder: stand_page(stand),
         lambda folder, stand, _: write_stand(folder, stand, datetime.date.today().isoformat()),
-    )
-
-
-def run(
-    stand: _Stand,
-    mapping: str | None,
-    propeller: options.Propeller,
-    model: str | None,
-    on_progress: ProgressCallback,
-) -> StandDiagnosis:
-    """Read and diagnose.
-
-    Raises:
-        InputError: a table, the mapping, the model, the configuration or the law can't be used.
-    """
-    from tombo_diagnosis.stand.diagnose import diagnose_stand
-    from tombo_diagnosis.stand.tables.table_reader import read_stand
-    from tombo_dynamics.propeller import configuration, parameter_row
-    from tombo_dynamics.propeller.effects import STAND_EFFECTS
-    from tombo_flight.extended_model import read_model
-
-    number = _CONF if propeller.conf is None else propeller.conf
-    formulas = _LAW if propeller.law is None else propeller.law
-    parameter_row(configuration(number), formulas)
-    given = None if model is None else read_model(Path(model), STAND_EFFECTS)
-    read = []
-    for k, path in enumerate(stand.tables):
-        on_progress(f"reading {path.name}", k / len(stand.tables))
-        read.append(read_stand(path, mapping))
-    if all(t.mapping.model == "plain" for t in read):
-        options.check_options(_RULES, {**vars(propeller), "plain": True})
-    return diagnose_stand(
-        read, number, formulas, stand.plain, on_progress, time.perf_counter, given
     )
