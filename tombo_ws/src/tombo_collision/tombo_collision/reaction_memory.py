@@ -81,7 +81,7 @@ class ReactionMemory(Record):
 
 
 def begin_reaction(memory: ReactionMemory) -> None:
-    """Begin with a new memory: forget everything but the last status, and what is flown with."""
+    """Begin with a new memory, which keeps the last status and the recovery in use."""
     status, recovers = memory.status.copy(), memory.recovers
     memory.as_array()[0] = ReactionMemory.new()
     memory.status, memory.recovers = status, recovers

@@ -98,7 +98,7 @@ def judge(setting: Setting, result: SearchResult, remainder: Remainder) -> Judge
         return verdict("unknown", remainder.p_unexplained)
     random = [e for e in remainder.imitated if e in causes]
     if any(e in remainder.imitated[r] for r in random for e in causes):
-        # Random forces beside a cause are what a force leaves that the cause only resembles.
+        # The true force leaves random forces where the cause only resembles it.
         named = tuple(e for e in causes if e not in random)
         return verdict("partly_explained", p_real, named)
     if members and certain:
