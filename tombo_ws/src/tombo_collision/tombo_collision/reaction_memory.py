@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tombo_dynamics.jit import compiled
 from tombo_dynamics.message_records import PositionSetpointRecord, ReactionStatusRecord
 from tombo_dynamics.messages import Reason
 from tombo_dynamics.records import Record, field
@@ -80,11 +81,27 @@ class ReactionMemory(Record):
     status_due = field("1", "it is of the last step", kind=bool)
 
 
+@compiled(inline=False)
 def begin_reaction(memory: ReactionMemory) -> None:
-    """Begin with a new memory, which keeps the last status and the recovery in use."""
-    status, recovers = memory.status.copy(), memory.recovers
-    memory.as_array()[0] = ReactionMemory.new()
-    memory.status, memory.recovers = status, recovers
+    """Begin anew, with the last status and the recovery in use."""
+    memory.active = False
+    memory.guides = False
+    memory.collisions = 0
     memory.contact_ns = -SAME_CONTACT_NS
-    memory.mission_at_x_r = True
     memory.changed = True
+    memory.has_mission = False
+    memory.has_position = False
+    memory.mission_ns = 0
+    memory.odometry_ns = 0
+    memory.mocap_ns = 0
+    memory.detector_ns = 0
+    memory.mission_at_x_r = True
+    memory.two_publishers = False
+    memory.holds = False
+    memory.waits = False
+    memory.has_published = False
+    memory.publish_due = False
+    memory.setpoint.stamp_ns = 0
+    memory.now_ns = 0
+    memory.events = 0
+    memory.pending = 0

@@ -56,7 +56,7 @@ def test_a_gain_is_found_written_and_then_no_finding_any_more(run, tmp_path):
     page = (tmp_path / "out/report.html").read_text()
     places = [page.index(t) for t in ("What would settle it", "The gap", "All candidates")]
     assert places == sorted(places)
-    assert page.count("<figure ") == 1
+    assert page.count("<figure ") == 3  # thrust, torque and flap angle
     assert "http:" not in page and "https:" not in page and "{{" not in page
     if diagnosis["verdict"] == "named":
         model = yaml.safe_load((tmp_path / "out/stand_model.yaml").read_text())

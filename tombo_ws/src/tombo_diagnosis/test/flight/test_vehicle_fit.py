@@ -51,7 +51,7 @@ def test_lag_inertia_and_drag_are_found(fitted, base):
     assert vehicle.inertia_zz == pytest.approx(base.vehicle.inertia_zz * (1 + INERTIA), rel=0.04)
     assert vehicle.inertia_xx == pytest.approx(base.vehicle.inertia_xx, rel=0.03)
     assert fitted.file.effects["linear_rotor_drag"]["d_xy"] == pytest.approx(DRAG, rel=0.05)
-    result = fitted.seen["motor_lag.extra_tau"]
+    result = fitted.fitted["motor_lag.extra_tau"]
     assert result.low < LAG < result.high
 
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tombo_flight.json_text import as_json
 from tombo_flight.process.output_folder import write_whole
-from tombo_flight.report.style import figure_bytes
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -229,6 +228,8 @@ def _environment() -> Environment:
 
 def _png(figure: Figure) -> str:
     """Return a figure as the address of a picture inside the page."""
+    from tombo_flight.report.style import figure_bytes  # it loads numpy; a command's help does not
+
     return f"data:image/png;base64,{base64.b64encode(figure_bytes(figure)).decode('ascii')}"
 
 
