@@ -125,6 +125,13 @@ def test_causes_as_likely_as_each_other_are_a_set():
     assert judgement.each["wind"] > judgement.each["tilt"] > 0.0
 
 
+def test_rivals_just_behind_lower_the_confidence_of_a_named_cause():
+    wind = explanation("wind", evidence=PLAIN)
+    rivals = [explanation(e, evidence=PLAIN - 1.1 * LOG_BF_DISTINCT) for e in ("tilt", "drag")]
+    alone, contested = judgement_of(searched(wind)), judgement_of(searched(wind, *rivals))
+    assert contested.verdict == "named" and contested.confidence < alone.confidence - 0.01
+
+
 @pytest.mark.parametrize("ahead,verdict", [(0.03, "set"), (0.3, "named")])
 def test_strong_causes_are_distinguished_by_a_share_of_their_evidence(ahead, verdict):
     """Small errors of the model weigh more than noise does where much is at stake."""
