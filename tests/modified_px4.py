@@ -9,9 +9,8 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from tombo_dynamics.records import numbers
-from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.vehicle_parameters import FLOWN_BY_POSES
 from tombo_px4.link.mavlink_link import Received
 from tombo_px4.modes import custom_mode
 from tombo_px4.protocol.endpoint import Endpoint

@@ -14,10 +14,9 @@ import numpy as np
 
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.time_base import TICK_NS
-from tombo_px4.autopilot.parameters import PARAMETERS, ParameterTable
+from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, PARAMETERS, ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.vehicle_parameters import FLOWN_BY_POSES
 from tombo_px4.hil.hand_motion import HandMotion
 from tombo_px4.link.mavlink_link import Link, read_key
 from tombo_px4.modes import OFFBOARD, Severity, mode_name
@@ -100,7 +99,7 @@ class Px4SimNode(VehicleNode):
         self.offer_hand(self.vehicle.hand)
         self.attach_simulator(self.vehicle.simulator)
         links = [(link, kind) for kind, link in self._links.items()]
-        self._endpoint = Endpoint(self.vehicle, links, self._log)
+        self._endpoint = Endpoint(self.vehicle, links, self._log_status_text)
         self._began_ns: int | None = None
         """Time of tick 0."""
         self._slipped = 0
@@ -143,13 +142,8 @@ class Px4SimNode(VehicleNode):
             if seen:
                 self.publish_tick(self._began_ns)
 
-    def _log(self, severity: int, text: str) -> None:
-        """Put a text of the autopilot into the log."""
-        logger = self.ros.get_logger()
-        if severity <= Severity.WARNING:  # rclpy: one severity for each line of code
-            logger.warning(f"PX4 says: {text}")
-        else:
-            logger.info(f"PX4 says: {text}")
+    def _log_status_text(self, severity: int, text: str) -> None:
+        self.log(f"PX4 says: {text}", severity <= Severity.WARNING)
 
     def report(self, now_ns: int) -> None:
         """Add the state of autopilot and links."""

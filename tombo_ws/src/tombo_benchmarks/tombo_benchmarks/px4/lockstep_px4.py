@@ -17,7 +17,7 @@ from tombo_dynamics.time_base import EPOCH_NS, TICK_NS
 from tombo_px4.autopilot.parameters import ParameterTable
 from tombo_px4.autopilot.vehicle import Px4Vehicle
 from tombo_px4.bridge.bridge_params import LinkParams
-from tombo_px4.bridge.vehicle_parameters import FLOWN_BY_POSES, MOCAP_ONLY
+from tombo_px4.bridge.vehicle_parameters import MOCAP_ONLY, SAFE_PARAMETERS
 from tombo_px4.hil.flight import PX4_PORT, HilFlight, Watch, airframe_parameters
 from tombo_px4.hil.lockstep import HilSimulator
 from tombo_px4.link.mavlink_link import Codec, Received
@@ -170,7 +170,7 @@ class SimulatedPx4:
     def _boot(self) -> None:
         """Set the vehicle on the ground, disarmed."""
         table = ParameterTable()
-        for name, value in FLOWN_BY_POSES.items():
+        for name, value in {**MOCAP_ONLY, **SAFE_PARAMETERS}.items():
             table.store(name, value)
         self._vehicle = Px4Vehicle(self._world, self._seed, table)
         self._vehicle.hand = self._hand

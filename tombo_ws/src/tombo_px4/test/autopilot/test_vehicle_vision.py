@@ -8,7 +8,7 @@ import pytest
 import yaml
 from vehicle_bench import Flight, hovering, ready
 
-from tombo_px4.bridge.vehicle_parameters import FLOWN_BY_POSES
+from tombo_px4.autopilot.parameters import FLOWN_BY_POSES
 from tombo_px4.modes import AUTO_LAND, MavLandedState, mode_name
 
 AWAY = np.array([3.0, 0.0, 0.0])

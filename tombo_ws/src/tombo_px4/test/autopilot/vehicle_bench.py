@@ -14,10 +14,9 @@ from tombo_dynamics.arrays import Array
 from tombo_dynamics.records import numbers
 from tombo_flight.scenario import load_scenario, world_of
 from tombo_px4.autopilot.ekf2_model import Ekf2Model
-from tombo_px4.autopilot.parameters import ParameterTable
+from tombo_px4.autopilot.parameters import FLOWN_BY_POSES, ParameterTable
 from tombo_px4.autopilot.setpoint_controller import OffboardSetpoint
 from tombo_px4.autopilot.vehicle import Px4Vehicle
-from tombo_px4.bridge.vehicle_parameters import FLOWN_BY_POSES
 from tombo_px4.modes import OFFBOARD, Result
 
 NAN = math.nan

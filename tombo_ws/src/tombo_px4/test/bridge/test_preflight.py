@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 
 from tombo_dynamics.input_check import PoseRefusal
 from tombo_dynamics.rotation import quaternion_multiply, rotate_vector
+from tombo_px4.autopilot.parameters import FLOWN_BY_POSES
 from tombo_px4.autopilot.parameters import PARAMETERS as PX4_PARAMETERS
 from tombo_px4.bridge.axes_proof import AxesEvidence, HandVerdict
 from tombo_px4.bridge.bridge_params import SIMULATED, BridgeParams
 from tombo_px4.bridge.checklist import Checklist
-from tombo_px4.bridge.vehicle_parameters import FLOWN_BY_POSES, SAFE_PARAMETERS, parse_assignments
+from tombo_px4.bridge.vehicle_parameters import SAFE_PARAMETERS, parse_assignments
 from tombo_px4.link.messages import EstimatorStatusFlags, VehicleImu, VehicleOdometry
 from tombo_px4.link.timesync import TimeSync
 

@@ -81,6 +81,20 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
 PARAMETERS = tuple(Px4Parameter(*row) for row in _ROWS)
 """Those with "no effect here" are stored and reported alone."""
 
+FLOWN_BY_POSES = {
+    "SYS_HAS_GPS": 0,
+    "SYS_HAS_MAG": 0,
+    "EKF2_GPS_CTRL": 0,
+    "EKF2_RNG_CTRL": 0,
+    "EKF2_MAG_TYPE": 5,
+    "EKF2_EV_CTRL": 11,
+    "EKF2_HGT_REF": 3,
+    "COM_RCL_EXCEPT": 4,
+    "COM_LOW_BAT_ACT": 2,
+    "COM_OBL_RC_ACT": 4,
+}
+"""Settings of a lab, besides PX4's defaults, with which a real PX4 1.17 flew by poses alone."""
+
 
 class ParameterTable:
     """Values of the parameters, in the order of the table. Floats have single precision.

@@ -115,8 +115,6 @@ MOCAP_ONLY: Mapping[str, float] = {
 }
 """What `px4_parameters=mocap` sets. With these PX4 1.17 flew by external poses alone: position,
 height and yaw."""
-FLOWN_BY_POSES: dict[str, float] = {**MOCAP_ONLY, **SAFE_PARAMETERS}
-"""All that a flight by poses alone sets, besides PX4's defaults."""
 SETS: Mapping[str, Mapping[str, float]] = {_SAFE: SAFE_PARAMETERS, _MOCAP: MOCAP_ONLY}
 """Word in `px4_parameters` → its parameters: a loss ends on the ground; by poses alone."""
 READ = (*(p.name for p in FLIGHT_PARAMETERS if p.accepts), _HAS_GPS, HOVER)
