@@ -54,7 +54,7 @@ class HilSimNode(VehicleNode):
         self._hil = HilSimulator(
             lambda: HilFlight(self.world, self.seed, watch=self._watch, hand=hand),
             port,
-            tell=self._log,
+            tell=self.log,
         )
         self.attach_simulator(self._hil.flight.simulator)
         self._began_ns = 0
@@ -70,13 +70,6 @@ class HilSimNode(VehicleNode):
         for _ in range(_MOST_STEPS):
             if not self._hil.advance(time.monotonic_ns()):
                 break
-
-    def _log(self, text: str, severe: bool) -> None:
-        logger = self.ros.get_logger()
-        if severe:  # rclpy: one severity for each line of code
-            logger.warning(text)
-        else:
-            logger.info(text)
 
     def _watch(self, simulator: Simulator) -> None:
         """Show a tick. Its time is the system's, as smooth as PX4's own clock."""

@@ -120,6 +120,14 @@ class VehicleNode(LoopNode):
         r = self.records
         return World(r["vehicle"], r["propeller"], r["obstacle"], r["spread"], effects, mocap_rate)
 
+    def log(self, text: str, severe: bool) -> None:
+        """Put a text into the log, as a warning if it is severe."""
+        logger = self.ros.get_logger()
+        if severe:  # rclpy: one severity for each line of code
+            logger.warning(text)
+        else:
+            logger.info(text)
+
     def offer_hand(self, hand: Any) -> None:
         """Offer a service that lets a simulated hand (`HandMotion`) move the vehicle."""
 

@@ -54,6 +54,15 @@ def _topics(node: Node) -> dict[str, str]:
     return {name: kinds[0] for name, kinds in sorted(found) if node.count_publishers(name)}
 
 
+def _discovers(discovered: Callable[[], object]) -> bool:
+    """Wait until something is discovered, then for the others; return whether it is there."""
+    end_s = time.monotonic() + _PATIENCE_S
+    while not discovered() and time.monotonic() < end_s:
+        time.sleep(_LOOK_S)
+    time.sleep(_BRIDGE_S)
+    return bool(discovered())
+
+
 def _await_name(kind: str, name: str, discovered: Callable[[], Collection[str]]) -> str:
     """Return the full name of a topic or node once it is discovered."""
     name = f"/{name.lstrip('/')}"
@@ -152,10 +161,7 @@ def _param(node: Node, show: _Show, verb: str, name: str, key: str = "", value: 
 def _call(node: Node, show: _Show, request: str, *, as_json: bool) -> int:
     """Ask for takeoff, hold, land, abort or kill, wait for the answer, and print it."""
     requests = OperatorRequests(node)
-    end_s = time.monotonic() + _PATIENCE_S
-    while not requests.offered(request) and time.monotonic() < end_s:
-        time.sleep(_LOOK_S)
-    time.sleep(_BRIDGE_S)
+    _discovers(lambda: requests.offered(request))  # without it, the answer says who is missing
     answers = requests.read(f"{request}\n")
     while not answers:
         answers = requests.answers()
@@ -188,12 +194,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if calls:
             return _call(node, show, verb, as_json=as_json)
-        end_s = time.monotonic() + _PATIENCE_S
-        while not _nodes(node) and time.monotonic() < end_s:
-            time.sleep(_LOOK_S)
-        if not _nodes(node):
+        if not _discovers(lambda: _nodes(node)):
             raise InputError("no node runs in this domain; accepted: while `tombo up` runs")
-        time.sleep(_BRIDGE_S)
         return (_topic if group == "topic" else _param)(node, show, verb, *words)
     except InputError as error:
         sys.stderr.write(f"Error: {error}\n")
