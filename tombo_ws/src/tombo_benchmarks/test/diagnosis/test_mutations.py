@@ -35,7 +35,9 @@ def test_the_ways_are_those_that_have_something_to_compare_with(monkeypatch):
     asked = []
     log = Flight.measured("new", "", {})
     monkeypatch.setattr(mutations, "diagnose_unchecked", lambda *_: [asked.append("plain")])
-    monkeypatch.setattr(mutations, "changes", lambda *_: [asked.append("healthy")])
+    monkeypatch.setattr(
+        mutations, "diagnose_change_unchecked", lambda *_: [asked.append("healthy")]
+    )
     monkeypatch.setattr(mutations, "MUTATIONS", ())
     monkeypatch.setattr(mutations, "_answers_about", lambda *_: set())
     ask_all(log, None, [log])

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tombo_bag.flight import Finding, Flight, RefusedLog, Series
-from tombo_bringup.cli.diagnose_command import changes
+from tombo_diagnosis.change.diagnose import diagnose_change_unchecked
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.diagnose import diagnose_unchecked
 from tombo_diagnosis.flight.nominal import held_against, nominal_model
@@ -208,7 +208,7 @@ def ask_all(
         nominal = nominal_model(vehicle=vehicle)
         ways["vehicle"] = lambda log: diagnose_unchecked(held_against([log], vehicle), nominal)[0]
     if healthy:
-        ways["healthy"] = lambda log: changes([log], healthy)[0]
+        ways["healthy"] = lambda log: diagnose_change_unchecked([log], healthy)[0]
     answers = []
     for i, (name, way) in enumerate(ways.items()):
         sound = _answers_about(way(log), log.name)

@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 
 from tombo_benchmarks.diagnosis.runner import Row
 from tombo_benchmarks.real.trials import NOTHING, Trial
-from tombo_bringup.cli.diagnose_command import changes
+from tombo_diagnosis.change.diagnose import diagnose_change_unchecked
 from tombo_diagnosis.crash.reason import why
 from tombo_diagnosis.diagnosis import Diagnosis
 from tombo_diagnosis.flight.diagnose import diagnose_unchecked
@@ -47,7 +47,7 @@ def answer_of(trial: Trial, folder: Path) -> tuple[str, frozenset[str], float]:
             return reason.cause, frozenset(reason.members), reason.confidence
         return "named", frozenset({reason.cause}), reason.confidence
     if trial.way == "healthy":
-        found, _ = changes(new, healthy)
+        found, _ = diagnose_change_unchecked(new, healthy)
         return found.verdict, _changed(found), found.confidence
     found = diagnose_unchecked(new, nominal_model())[0]
     return (

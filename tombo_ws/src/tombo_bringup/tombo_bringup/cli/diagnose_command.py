@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import os
 import time
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -15,10 +14,9 @@ from tombo_bringup.cli import options
 from tombo_bringup.cli.options import command, option, record
 from tombo_bringup.cli.result_files import check_new_file, publish
 from tombo_dynamics.errors import InputError
-from tombo_flight.progress import ProgressCallback, no_progress
+from tombo_flight.progress import ProgressCallback
 
 if TYPE_CHECKING:
-    from tombo_bag.flight import Flight
     from tombo_diagnosis.change.diagnose import ChangeData
     from tombo_diagnosis.diagnosis import Diagnosis
     from tombo_diagnosis.report.files import NominalReference
@@ -105,8 +103,11 @@ def diagnose(
             on_progress(f"reading {logs[0].name} and others", 0.0)
             count = sum(len(logs_in(path)) for path in logs)
             flights = read_logs([*logs, *healthy], mapping=reading.mapping, names=names)
-            on_progress("loading the model", 0.5)  # imports compiled code
-            return changes(flights[:count], flights[count:], sessions, on_progress)
+            on_progress("loading the model", 0.5)
+            from tombo_diagnosis.change.diagnose import diagnose_change_unchecked
+
+            new, before = flights[:count], flights[count:]
+            return diagnose_change_unchecked(new, before, time.perf_counter, sessions, on_progress)
 
         publish(
             results,
@@ -173,30 +174,6 @@ def _sessions(given: list[str]) -> dict[str, str]:
             raise InputError(f"--session {text}: accepted: NAME=PATTERN, as monday=normal_[123]")
         sessions[pattern] = name
     return sessions
-
-
-def changes(
-    new: Sequence[Flight],
-    healthy: Sequence[Flight],
-    sessions: Mapping[str, str] | None = None,
-    on_progress: ProgressCallback = no_progress,
-) -> tuple[Diagnosis, ChangeData]:
-    """Check new and healthy flights of a vehicle, and compare; `sessions`: pattern -> name.
-
-    Raises:
-        InputError: no flight of one side can be used, or a session has no flight.
-    """
-    from tombo_diagnosis.change.diagnose import NEEDED, diagnose_change
-    from tombo_diagnosis.flight.diagnose import check_flights
-    from tombo_diagnosis.flight.nominal import nominal_model
-
-    nominal = nominal_model()
-    (after, faults), (before, more) = (
-        check_flights(side, needed=NEEDED, progress=on_progress) for side in (new, healthy)
-    )
-    on_progress("comparing", 0.9)
-    left_out = [*faults, *more]
-    return diagnose_change(after, before, nominal, time.perf_counter, left_out, sessions or {})
 
 
 def _explain_mapping(logs: list[Path], output: str | None, force: bool) -> None:

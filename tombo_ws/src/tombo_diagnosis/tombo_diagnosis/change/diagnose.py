@@ -39,14 +39,16 @@ from tombo_diagnosis.change.wind import new_wind
 from tombo_diagnosis.control.actuators import with_asked_rotors
 from tombo_diagnosis.control.controller import ControllerReport, controller_report, with_controller
 from tombo_diagnosis.diagnosis import Change, Detectable, Diagnosis, FlightSummary, Score
+from tombo_diagnosis.flight.diagnose import check_flights
 from tombo_diagnosis.flight.fit.drive_curve import DriveCurve, fit_drive_curve
-from tombo_diagnosis.flight.nominal import NominalModel
+from tombo_diagnosis.flight.nominal import NominalModel, nominal_model
 from tombo_diagnosis.rotor_demand import EXPONENT
 from tombo_diagnosis.wording import counted, percent
 from tombo_dynamics.arrays import Array
 from tombo_dynamics.errors import InputError
 from tombo_dynamics.vehicle import ROTOR_NAMES
 from tombo_flight.extended_model import FittedParameter
+from tombo_flight.progress import ProgressCallback, no_progress
 from tombo_logs.checks.ground import CUT_BEFORE_TAKE_OFF, rises
 
 _SIZES: Array = np.asarray(np.geomspace(0.004, 0.5, 40), np.float64)
@@ -143,6 +145,25 @@ def diagnose_change(
         controller=controller,
     )
     return diagnosis, data
+
+
+def diagnose_change_unchecked(
+    new: Sequence[Flight],
+    healthy: Sequence[Flight],
+    clock: Callable[[], float] = lambda: 0.0,
+    sessions: Mapping[str, str] = MappingProxyType({}),
+    progress: ProgressCallback = no_progress,
+) -> tuple[Diagnosis, ChangeData]:
+    """Check flights of both sides and compare the good ones: see `diagnose_change`.
+
+    Raises:
+        InputError: no flight of one side can be used, or as `diagnose_change`.
+    """
+    (after, faults), (before, more) = (
+        check_flights(side, needed=NEEDED, progress=progress) for side in (new, healthy)
+    )
+    progress("comparing", 0.9)
+    return diagnose_change(after, before, nominal_model(), clock, [*faults, *more], sessions)
 
 
 def _read(
